@@ -36,7 +36,7 @@ HERE = Path(__file__).resolve().parent
 INSTALLED = not (HERE / "pyproject.toml").exists()  # This file is cogrip/cli/compiling.py of a wheel then.
 ROOT = HERE.parents[1] if INSTALLED else HERE
 COMMAND = "cogrip compile" if INSTALLED else "python3 dev.py compile"
-PARTS = ("protocol", "devices", "client", "server")
+PARTS = ("machine", "protocol", "devices", "client", "server")
 SUFFIX = str(sysconfig.get_config_var("EXT_SUFFIX"))
 FLAGS = [
     "-O2",

@@ -17,10 +17,10 @@ from pathlib import Path
 import pytest
 from hypothesis import HealthCheck, settings
 
-from cogrip.protocol.io.compiled_files import outdated
+from cogrip.machine.compiled_files import outdated
 
 pytest_plugins = ("tests.stalls",)
-QUICK_FOLDERS = ("protocol", "devices", "client", "server")
+QUICK_FOLDERS = ("machine", "protocol", "devices", "client", "server")
 NOT_QUICK = {  # modules in these folders that start processes, simulate whole sessions or play recordings again
     "test_altered_client_recording", "test_altered_recordings", "test_altered_server_recording", "test_arm_check",
     "test_arm_driver",

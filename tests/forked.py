@@ -26,7 +26,7 @@ from pathlib import Path
 from types import TracebackType
 from typing import IO, Any, NoReturn
 
-from cogrip.protocol.io.realtime import PRIORITY
+from cogrip.machine.realtime import PRIORITY
 
 PRELOADED = (
     "numpy", "encodings.idna", "cryptography.x509", "OpenSSL.SSL", "serial", "prometheus_client",

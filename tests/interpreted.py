@@ -5,7 +5,7 @@ from pathlib import Path
 
 import pytest
 
-from cogrip.protocol.io.compiled_files import form
+from cogrip.machine.compiled_files import form
 
 needs_interpreted = pytest.mark.skipif(
     form() != "interpreted",

@@ -13,8 +13,8 @@ from cogrip.protocol.recording.header import Header, versions_here
 from cogrip.protocol.recording.reader import open_recording
 from cogrip.protocol.recording.records import Gap, kind_of
 from cogrip.protocol.recording.sink import Held, encode
+from cogrip.results.replay.verify import Verdict, verify
 from cogrip.server.recorder import RecordedServer
-from cogrip.sim.runs.replay.verify import Verdict, verify
 
 from tests.recording_files import written
 

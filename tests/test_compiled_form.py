@@ -17,16 +17,16 @@ import dev
 import pytest
 
 from cogrip.cli.main import main
-from cogrip.protocol.io import compiled_files
-from cogrip.protocol.io.compiled_files import compiled_modules, form
+from cogrip.machine import compiled_files
+from cogrip.machine.compiled_files import compiled_modules, form
 
 ROOT = Path(__file__).parent.parent
 LAWS = (
     "tests/protocol/test_line.py", "tests/protocol/test_energy_sums.py", "tests/protocol/test_concealment.py",
     "tests/protocol/test_jitter_buffer.py", "tests/protocol/test_clock.py", "tests/protocol/test_button_edges.py",
-    "tests/protocol/test_ring.py", "tests/protocol/test_histogram.py", "tests/server/test_small_room.py",
+    "tests/machine/test_ring.py", "tests/machine/test_histogram.py", "tests/server/test_small_room.py",
     "tests/server/test_seat_limits.py", "tests/server/test_rate_limit.py", "tests/server/test_dtls_channel.py",
-    "tests/server/test_recorded_server_plays_again.py", "tests/sim/test_recorded_sessions.py",
+    "tests/server/test_recorded_server_plays_again.py", "tests/results/test_recorded_sessions.py",
     "tests/protocol/test_decimation.py", "tests/protocol/test_wave_filter.py", "tests/client",
     "tests/devices/test_simulated_hands.py", "tests/devices/test_simulated_plants.py", "tests/devices/test_plausibility.py",
 )  # fmt: skip
@@ -70,7 +70,7 @@ def test_a_folder_called_cogrip_beside_a_script_is_none_of_ours(tmp_path: Path) 
     script = tmp_path / "script.py"
     script.write_text(
         "import cogrip\n"
-        "from cogrip.protocol.io.compiled_files import compiled_modules, outdated\n"
+        "from cogrip.machine.compiled_files import compiled_modules, outdated\n"
         "print(cogrip.__path__[0])\n"
         "print(*compiled_modules(), *outdated())\n"
     )
@@ -295,6 +295,6 @@ def test_recorded_sessions_and_laws_hold_in_the_compiled_form(tmp_path: Path) ->
         (tmp_path / "build").mkdir()
         compiling.compile_all(tmp_path / "build", tmp_path)
     environment = {**os.environ, "PYTHONPATH": os.pathsep.join(paths)}
-    is_compiled = "from cogrip.protocol.io.compiled_files import form; assert form() == 'compiled'"
+    is_compiled = "from cogrip.machine.compiled_files import form; assert form() == 'compiled'"
     subprocess.run([sys.executable, "-c", is_compiled], env=environment, check=True)
     subprocess.run([sys.executable, "-m", "pytest", *LAWS], cwd=ROOT, env=environment, check=True)

@@ -10,12 +10,12 @@ from pathlib import Path
 import pytest
 from msgspec.structs import replace
 
-from cogrip.cli.session.settings_file import load
-from cogrip.cli.session.shipped_settings import shipped
-from cogrip.sim.runs.laboratory_run import run_laboratory
+from cogrip.cli.settings.settings_file import load
+from cogrip.cli.settings.shipped_settings import shipped
+from cogrip.results.laboratory_run import run_laboratory
 
 ROOT = Path(__file__).resolve().parents[1]
-FOLDERS = ("protocol", "devices", "client", "server", "sim", "cli")
+FOLDERS = ("machine", "protocol", "devices", "client", "server", "sim", "results", "analysis", "experiments", "cli")
 LIMIT_S = 120.0
 HOSTILE = (
     "json", "msgspec", "numpy", "struct", "pickle", "zlib", "mcap", "zstandard", "prometheus_client", "http", "threading",
@@ -23,8 +23,8 @@ HOSTILE = (
 )  # fmt: skip
 # As the installed `cogrip` is begun: by a file elsewhere, whose own folder stands first in the path.
 SCRIPT = "import sys\nfrom cogrip.cli.main import main\nif __name__ == '__main__':\n    sys.exit(main())\n"
-NO_PLOTS = "from cogrip.sim.runs.report import page\npage.draw_plots = lambda run: []\n"
-ONE_PLOT = "from cogrip.sim.runs.plots import registry\nregistry.PLOTS = registry.PLOTS[:1]\n"
+NO_PLOTS = "from cogrip.results.report import page\npage.draw_plots = lambda run: []\n"
+ONE_PLOT = "from cogrip.results.plots import registry\nregistry.PLOTS = registry.PLOTS[:1]\n"
 AT_ONCE = "import os, cogrip.cli.runs.replay as at\nat.WORTH_WORKERS_BYTES, os.cpu_count = 0, lambda: 2\n"
 GUARD = """
 import os, pty, tty

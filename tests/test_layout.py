@@ -15,7 +15,20 @@ from pathlib import Path
 import pytest
 
 ROOT = Path(__file__).parents[1]
-FOLDERS = ("protocol", "devices", "client", "server", "sim", "view", "cli", "api")
+FOLDERS = (
+    "machine",
+    "protocol",
+    "devices",
+    "client",
+    "server",
+    "sim",
+    "results",
+    "analysis",
+    "experiments",
+    "view",
+    "cli",
+    "api",
+)
 PACKAGES = [f"cogrip.{folder}" for folder in FOLDERS]
 PROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))
 
@@ -98,7 +111,7 @@ def test_drivers_are_the_same_in_both_contracts() -> None:
     protected = next(contract for contract in contracts if contract["type"] == "protected")
     drivers = {line.split(" -> ")[0].removesuffix(".**") for line in excused["ignore_imports"]}
     assert drivers == set(protected["protected_modules"])
-    knows_of_stop = {"cogrip.sim.runs.laboratory_run"}
+    knows_of_stop = {"cogrip.results.laboratory_run"}
     makes_drivers = {"cogrip.devices.*.family"}
     tries_files = {"cogrip.server.worlds.scene_file"}
     others = knows_of_stop | makes_drivers | tries_files | {"cogrip.cli", "cogrip.api"}
@@ -189,7 +202,7 @@ def test_lock_installs_a_package_only_where_the_project_asks_for_it() -> None:
         assert re.search(rf"^{name}==\S+ ; .*python_full_version < '{version}'.* \\$", lock, re.MULTILINE), each
 
 
-CORES = ("protocol", "devices", "client", "server")
+CORES = ("machine", "protocol", "devices", "client", "server")
 BY_BLAS = {"dot", "vdot", "inner", "outer", "matmul", "tensordot", "einsum", "linalg"}
 """Functions of numpy that add in an order, or round, as the processor likes it."""
 NOT_REPLAYED = {  # computed before a session, or from its results
@@ -203,9 +216,9 @@ NOT_REPLAYED = {  # computed before a session, or from its results
 def test_floats_are_added_in_one_order_by_every_python() -> None:
     """From Python 3.12 on `sum` of floats is compensated: no recording of 3.11 plays again where a core calls it."""
     found = [
-        f"{name}:{node.lineno}: use add_floats or add_integers of cogrip.protocol.addition"
+        f"{name}:{node.lineno}: use add_floats or add_integers of cogrip.machine.addition"
         for name, source in modules(*FOLDERS).items()
-        if "sum" in source and name != "protocol/cogrip/protocol/addition.py"
+        if "sum" in source and name != "machine/cogrip/machine/addition.py"
         for node in ast.walk(ast.parse(source))
         if (isinstance(node, ast.Name) and node.id == "sum") or (isinstance(node, ast.alias) and node.name == "sumprod")
     ]

@@ -11,11 +11,11 @@ import pytest
 from tests.test_layout import FOLDERS, ROOT, modules
 
 STAND_IN = ROOT / "tests" / "windows.py"
-IO = ROOT / "protocol" / "cogrip" / "protocol" / "io"
+MACHINE = ROOT / "machine" / "cogrip" / "machine"
 ASKING = re.compile(r"\bsys\.platform\b|\bos\.name\b|platform\.system\(")
 ASKS = {  # modules that may ask which system this is
-    "protocol/cogrip/protocol/io/posix.py", "protocol/cogrip/protocol/io/windows.py", "protocol/cogrip/protocol/io/platform.py",
-    "protocol/cogrip/protocol/io/realtime.py", "protocol/cogrip/protocol/io/punctuality.py",  # Linux's measures
+    "machine/cogrip/machine/posix.py", "machine/cogrip/machine/windows.py", "machine/cogrip/machine/platform.py",
+    "machine/cogrip/machine/realtime.py", "machine/cogrip/machine/punctuality.py",  # Linux's measures
     "devices/cogrip/devices/io/platform.py", "devices/cogrip/devices/io/port_names.py",
     "server/cogrip/server/io/platform.py", "view/cogrip/view/io/platform.py",
     "cli/cogrip/cli/terminal/platform.py", "cli/cogrip/cli/terminal/screen.py", "cli/cogrip/cli/terminal/live_screen.py",
@@ -46,7 +46,7 @@ def interface(path: Path) -> dict[str, list[str]]:
 
 
 def test_both_systems_have_the_same_names() -> None:
-    posix, windows = interface(IO / "posix.py"), interface(IO / "windows.py")
+    posix, windows = interface(MACHINE / "posix.py"), interface(MACHINE / "windows.py")
     assert posix.keys() == windows.keys()
     same = {"end": "interrupt", "datagram_pair": "message_pair"}  # on Windows one function under two names
     for name, parameters in posix.items():
@@ -68,7 +68,7 @@ names = [
     for folder in sys.argv[2:] for path in sorted(Path(folder).rglob("*.py"))
 ]
 for name in names:
-    if name.endswith(("__main__", ".io.posix", ".live_screen", ".ray_cluster")):
+    if name.endswith(("__main__", ".io.posix", "machine.posix", ".live_screen", ".ray_cluster")):
         continue
     try:
         importlib.import_module(name)
@@ -87,7 +87,7 @@ def test_every_module_is_imported_without_what_windows_lacks() -> None:
 
 SYSTEM = """
 import tempfile
-from cogrip.protocol.io import pacing, platform, realtime, windows
+from cogrip.machine import pacing, platform, realtime, windows
 from cogrip.protocol.io.recorder import is_being_written
 from pathlib import Path
 system = platform.system
@@ -154,7 +154,7 @@ def test_the_substitutes_do_what_they_stand_for() -> None:
 
 NO_CONSOLE = """
 import subprocess, sys
-from cogrip.protocol.io import windows
+from cogrip.machine import windows
 
 def no_console(self, number):  # as os.kill does: GenerateConsoleCtrlEvent fails, the process is ended, and an error is left
     self.terminate()
@@ -200,7 +200,7 @@ def test_examples_of_devices_have_names_as_the_system_has_them() -> None:
 COMMANDS = """
 import json
 from cogrip.cli.main import main
-from cogrip.protocol.io.punctuality import examine
+from cogrip.machine.punctuality import examine
 from pathlib import Path
 
 def run(*arguments, code=0):

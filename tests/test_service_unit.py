@@ -12,7 +12,7 @@ from pathlib import Path
 import pytest
 
 from cogrip.cli.session.serve import serve
-from cogrip.protocol.io.realtime import PRIORITY
+from cogrip.machine.realtime import PRIORITY
 
 UNIT = Path(__file__).resolve().parents[1] / "configs" / "cogrip.service"
 INSTALLED = "/opt/cogrip/bin/cogrip"

@@ -15,16 +15,16 @@ from typing import Any, NamedTuple
 
 import msgspec
 
-from cogrip.cli.session.settings_file import load
-from cogrip.cli.session.shipped_settings import shipped
+from cogrip.analysis.felt_probe import measure_felt
+from cogrip.analysis.figures.page import Page, Table, save_page
+from cogrip.cli.settings.settings_file import load
+from cogrip.cli.settings.shipped_settings import shipped
+from cogrip.experiments.methods.case import run_session
+from cogrip.experiments.methods.looks import style_of
+from cogrip.experiments.methods.measures import read, state_of
+from cogrip.experiments.methods.method import METHODS, ideal_settings, methods_of, session_settings
 from cogrip.protocol.settings import resolve
-from cogrip.sim.analysis.figures.page import Page, Table, save_page
-from cogrip.sim.experiments.methods.case import run_session
-from cogrip.sim.experiments.methods.felt import measure_felt
-from cogrip.sim.experiments.methods.looks import style_of
-from cogrip.sim.experiments.methods.measures import read, state_of
-from cogrip.sim.experiments.methods.method import METHODS, ideal_settings, methods_of, session_settings
-from cogrip.sim.runs.plots.style import INK, LINES, Sheet, title
+from cogrip.results.plots.style import INK, LINES, Sheet, title
 
 FOLDER = Path(__file__).parent.parent / "pictures"
 SHOWN = ("wave", "tuned", "local", "tdpa", "coupling")

@@ -12,11 +12,11 @@ from pathlib import Path
 import numpy as np
 from matplotlib.patches import Circle, Rectangle
 
-from cogrip.cli.session.settings_file import load
-from cogrip.cli.session.shipped_settings import shipped
+from cogrip.cli.settings.settings_file import load
+from cogrip.cli.settings.shipped_settings import shipped
 from cogrip.protocol.effects import Effect
-from cogrip.sim.runs.plots.style import INK, Sheet, colour, png, title
-from cogrip.sim.session.laboratory import Laboratory
+from cogrip.results.plots.style import INK, Sheet, colour, png, title
+from cogrip.sim.laboratory import Laboratory
 
 FOLDER = Path(__file__).parent.parent / "pictures"
 KINDS = ("viscous", "vibration", "texture", "magnet", "path", "zone")

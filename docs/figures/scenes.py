@@ -13,8 +13,8 @@ from typing import Any
 from PIL import Image
 from view import FOLDER, SHOW, started_browser
 
-from cogrip.cli.session.settings_file import load
-from cogrip.sim.runs.laboratory_run import run_laboratory
+from cogrip.cli.settings.settings_file import load
+from cogrip.results.laboratory_run import run_laboratory
 from cogrip.view.page import self_contained
 from cogrip.view.recording import open_view
 from cogrip.view.scene import to_json

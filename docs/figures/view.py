@@ -17,7 +17,7 @@ from typing import Any
 from PIL import Image
 
 from cogrip.protocol.settings import Settings, resolve
-from cogrip.sim.runs.laboratory_run import run_laboratory
+from cogrip.results.laboratory_run import run_laboratory
 from cogrip.view.page import self_contained
 from cogrip.view.recording import open_view
 from cogrip.view.scene import to_json

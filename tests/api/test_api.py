@@ -12,7 +12,7 @@ import cogrip.api as cogrip
 from cogrip.devices.simulated import catalogue
 from cogrip.devices.simulated.catalogue import HandKind
 from cogrip.devices.simulated.hands import ImpedanceSettings, make_hold
-from cogrip.sim.session.laboratory import Laboratory
+from cogrip.sim.laboratory import Laboratory
 
 SHORT: dict[str, Any] = {"seconds": 0.5}
 

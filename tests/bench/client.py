@@ -8,8 +8,8 @@ from pathlib import Path
 
 import msgspec
 
-from cogrip.cli.session.settings_file import load
-from cogrip.cli.session.shipped_settings import shipped
+from cogrip.cli.settings.settings_file import load
+from cogrip.cli.settings.shipped_settings import shipped
 from cogrip.cli.terminal.output import make_console
 from cogrip.cli.terminal.problem import BadInput, Problem
 from cogrip.cli.terminal.tables import plain_table
@@ -17,7 +17,7 @@ from cogrip.protocol.accounts import ClientAccount
 from cogrip.protocol.messages import Waves, decode
 from cogrip.protocol.recording.reader import open_recording
 from cogrip.protocol.recording.records import Datagram, kind_of
-from cogrip.sim.runs.folder import SERVER_RECORDING, SETTINGS, client_recording, read_accounts, write_settings
+from cogrip.results.folder import SERVER_RECORDING, SETTINGS, client_recording, read_accounts, write_settings
 
 from tests.bench import machine
 from tests.bench.children import output_at_end, start_cogrip, wait_for_line

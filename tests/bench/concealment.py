@@ -6,13 +6,13 @@ from cyclopts import Parameter
 from rich.box import SIMPLE_HEAD
 from rich.table import Table
 
-from cogrip.cli.session.settings_file import override
+from cogrip.cli.settings.settings_file import override
 from cogrip.cli.terminal.output import make_console
 from cogrip.cli.terminal.problem import BadInput, Problem
-from cogrip.protocol.io.stop import Stop, on_signals
+from cogrip.experiments.worker_pool import LocalWorkers, processors
+from cogrip.machine.stop import Stop, on_signals
 from cogrip.protocol.settings import resolve
 from cogrip.protocol.settings_table import SettingsError
-from cogrip.sim.experiments.worker_pool import LocalWorkers, processors
 
 from tests.bench.concealment_trial import CLEAN, ROWS, Job, Setup, Trial, drifts_mm, measure_row, table
 from tests.bench.targets import refuse_own

@@ -20,7 +20,7 @@ from cogrip.protocol.line.concealment import CONCEALMENTS
 from cogrip.protocol.line.jitter_buffer import Frames
 from cogrip.protocol.settings import resolve
 from cogrip.server.wave_port import WavePort
-from cogrip.sim.session.laboratory import Laboratory
+from cogrip.sim.laboratory import Laboratory
 
 CLEAN = "clean link"
 ROWS = (CLEAN, *CONCEALMENTS)

@@ -12,13 +12,13 @@ import msgspec
 from rich.console import Console
 from rich.table import Table
 
-from cogrip.cli.session.settings_file import load
-from cogrip.cli.session.shipped_settings import shipped
+from cogrip.cli.settings.settings_file import load
+from cogrip.cli.settings.shipped_settings import shipped
 from cogrip.cli.terminal.output import Json, make_console, write_json
 from cogrip.cli.terminal.problem import Problem, within
 from cogrip.cli.terminal.tables import plain_table
 from cogrip.protocol.settings import Settings
-from cogrip.sim.runs.folder import SUMMARY, write_settings
+from cogrip.results.folder import SUMMARY, write_settings
 
 from tests.bench import machine
 from tests.bench.children import output_at_end, start_cogrip, wait_for_line

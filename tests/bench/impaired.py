@@ -10,17 +10,17 @@ from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
 from rich.table import Table
 
-from cogrip.cli.session.settings_file import override
+from cogrip.cli.settings.settings_file import override
 from cogrip.cli.terminal.output import Json, make_console, write_json
 from cogrip.cli.terminal.parameters import Overrides, Workers
 from cogrip.cli.terminal.problem import BadInput, at_least_one
 from cogrip.cli.terminal.tables import plain_table
-from cogrip.protocol.io.stop import Stop, on_signals
+from cogrip.experiments.experiment import Result
+from cogrip.experiments.methods.method import ChoiceError, choose
+from cogrip.experiments.worker_pool import LocalWorkers
+from cogrip.machine.stop import Stop, on_signals
 from cogrip.protocol.settings_table import SettingsError
-from cogrip.sim.experiments.experiment import Result
-from cogrip.sim.experiments.methods.method import ChoiceError, choose
-from cogrip.sim.experiments.worker_pool import LocalWorkers
-from cogrip.sim.runs.folder import finite
+from cogrip.results.folder import finite
 
 from tests.bench.impaired_network.case import Job, measure_case, rest_from_s
 from tests.bench.impaired_network.matrix import (

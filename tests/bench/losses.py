@@ -15,8 +15,8 @@ from rich.table import Table
 from cogrip.cli.terminal.problem import Problem
 from cogrip.cli.terminal.tables import plain_table
 from cogrip.protocol.recording.reader import open_recording
+from cogrip.results.records import End
 from cogrip.server.recorder import step_topic
-from cogrip.sim.runs.records import End
 
 from tests.bench.targets import reached
 from tests.live.held_arms import Spoken

@@ -14,7 +14,7 @@ from cogrip.protocol.link_profile import Link
 from cogrip.protocol.network_profiles import PROFILES
 from cogrip.protocol.rates import Hz, Rates
 from cogrip.protocol.settings import Playout
-from cogrip.sim.runs.folder import finite
+from cogrip.results.folder import finite
 
 from tests.bench.playout_trial import (
     TICKS,

@@ -16,7 +16,7 @@ from cogrip.protocol.line.receiver import LATE, LineReceiver
 from cogrip.protocol.line.sender import LineSender
 from cogrip.protocol.link_profile import LinkProfile
 from cogrip.protocol.rates import due_ns
-from cogrip.sim.session.link import LinkEmulator
+from cogrip.sim.link import LinkEmulator
 
 REDUNDANCY = 8
 TICKS = 8  # in a frame

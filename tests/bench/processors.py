@@ -5,7 +5,7 @@ from contextlib import contextmanager
 
 from rich.console import Console
 
-from cogrip.protocol.io.realtime import engage, release
+from cogrip.machine.realtime import engage, release
 
 from tests.bench import machine
 

@@ -14,17 +14,17 @@ from pathlib import Path
 import msgspec
 from rich.console import Console
 
-from cogrip.cli.session.settings_file import load
-from cogrip.cli.session.shipped_settings import shipped
+from cogrip.cli.settings.settings_file import load
+from cogrip.cli.settings.shipped_settings import shipped
 from cogrip.cli.terminal.output import make_console
 from cogrip.cli.terminal.problem import BadInput, Problem
-from cogrip.protocol.accounts import TickCount
+from cogrip.machine.tick_count import TickCount
 from cogrip.protocol.recording.reader import open_recording
 from cogrip.protocol.settings import Settings
-from cogrip.sim.runs.folder import SERVER_RECORDING, SETTINGS, client_recording, read_accounts, write_settings
-from cogrip.sim.runs.laboratory_run import run_laboratory
-from cogrip.sim.runs.records import End
-from cogrip.sim.runs.replay.verify import verify
+from cogrip.results.folder import SERVER_RECORDING, SETTINGS, client_recording, read_accounts, write_settings
+from cogrip.results.laboratory_run import run_laboratory
+from cogrip.results.records import End
+from cogrip.results.replay.verify import verify
 
 from tests.bench import machine
 from tests.bench.children import output_at_end, start_cogrip, wait_for_line, with_tests_on_path

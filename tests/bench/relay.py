@@ -20,10 +20,10 @@ from rich.table import Table
 from cogrip.cli.terminal.output import Json, make_console, write_json
 from cogrip.cli.terminal.problem import Problem, within
 from cogrip.cli.terminal.tables import plain_table
-from cogrip.protocol.io.pacing import Pacer
+from cogrip.machine.pacing import Pacer
 from cogrip.protocol.network_profiles import PROFILES, ProfileName
 from cogrip.protocol.settings import resolve
-from cogrip.sim.session.link import fates
+from cogrip.sim.link import fates
 
 from tests.bench import machine
 from tests.bench.children import start_cogrip, start_python, wait_for_line

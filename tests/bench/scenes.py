@@ -8,12 +8,12 @@ from tempfile import TemporaryDirectory
 import numpy as np
 from rich.console import Console
 
-from cogrip.cli.session.settings_file import load
+from cogrip.cli.settings.settings_file import load
 from cogrip.cli.terminal.output import make_console
 from cogrip.cli.terminal.tables import plain_table
 from cogrip.protocol.settings import Settings, resolve, seat_settings
+from cogrip.results.laboratory_run import run_laboratory
 from cogrip.server.schemes import make_scene_world
-from cogrip.sim.runs.laboratory_run import run_laboratory
 
 from tests.bench.targets import judge, reached
 

@@ -18,14 +18,14 @@ from rich.table import Table
 from cogrip.cli.runs.run_folder import new_run_folder
 from cogrip.cli.runs.summary_table import terminal_summary
 from cogrip.cli.session.children import end_all, how_ended, listening_port, start_child
-from cogrip.cli.session.settings_file import load
-from cogrip.cli.session.shipped_settings import shipped
+from cogrip.cli.settings.settings_file import load
+from cogrip.cli.settings.shipped_settings import shipped
 from cogrip.cli.terminal.output import Json, make_console, write_json
 from cogrip.cli.terminal.problem import BadInput, Problem
-from cogrip.protocol.io.stop import Stop, on_signals
+from cogrip.machine.stop import Stop, on_signals
 from cogrip.protocol.link_profile import Link
 from cogrip.protocol.settings import Settings
-from cogrip.sim.runs.folder import SETTINGS, SUMMARY, client_log, write_settings
+from cogrip.results.folder import SETTINGS, SUMMARY, client_log, write_settings
 
 from tests.bench import machine
 from tests.bench.loads.process_memory import Growth, family_of, memory_kb

@@ -5,13 +5,13 @@ from typing import Literal
 
 import numpy as np
 
+from cogrip.analysis.boundary import trace
+from cogrip.analysis.lifted_model import LiftedModel
+from cogrip.analysis.linear_session import linear_session, scheme_overrides
+from cogrip.analysis.region import grid_axes, regions, stiffnesses
 from cogrip.cli.terminal.output import make_console
 from cogrip.cli.terminal.tables import plain_table
 from cogrip.protocol.settings import resolve
-from cogrip.sim.analysis.boundary import trace
-from cogrip.sim.analysis.lifted_model import LiftedModel
-from cogrip.sim.analysis.linear_session import linear_session, scheme_overrides
-from cogrip.sim.analysis.region import grid_axes, regions, stiffnesses
 
 from tests.bench import machine
 from tests.bench.targets import judge

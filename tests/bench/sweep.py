@@ -4,12 +4,12 @@ import time
 
 import msgspec
 
-from cogrip.cli.session.settings_file import load
-from cogrip.cli.session.shipped_settings import shipped
+from cogrip.cli.settings.settings_file import load
+from cogrip.cli.settings.shipped_settings import shipped
 from cogrip.cli.terminal.output import make_console
 from cogrip.cli.terminal.problem import BadInput
-from cogrip.sim.experiments.sweep.query import Job, measure_case
-from cogrip.sim.experiments.worker_pool import LocalWorkers
+from cogrip.experiments.sweep.query import Job, measure_case
+from cogrip.experiments.worker_pool import LocalWorkers
 
 COLUMNS = ("passive", "users.0.peak_force_n")
 _BLOCKS = 4

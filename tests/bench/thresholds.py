@@ -10,8 +10,8 @@ from cyclopts import Parameter
 
 from cogrip.cli.terminal.output import make_console
 from cogrip.cli.terminal.tables import plain_table
-from cogrip.sim.experiments.study.psychometric import GUESSING, TARGET, Answered, gaussian
-from cogrip.sim.experiments.study.staircase import Estimate, Method, Staircase, estimate, next_level
+from cogrip.experiments.study.psychometric import GUESSING, TARGET, Answered, gaussian
+from cogrip.experiments.study.staircase import Estimate, Method, Staircase, estimate, next_level
 
 TRUE = 60.0
 RULE = Staircase(key="k", reference=600.0, start=200.0, least=10.0, most=600.0, question="q")

@@ -8,11 +8,11 @@ from typing import Any
 
 import numpy as np
 
-from cogrip.cli.session.settings_file import load
+from cogrip.cli.settings.settings_file import load
 from cogrip.cli.terminal.output import make_console
 from cogrip.cli.terminal.problem import within
 from cogrip.cli.terminal.tables import plain_table
-from cogrip.sim.session.laboratory import Laboratory
+from cogrip.sim.laboratory import Laboratory
 
 from tests.bench.targets import reached
 

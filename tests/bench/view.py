@@ -24,8 +24,8 @@ from pathlib import Path
 import numpy as np
 from rich.console import Console
 
-from cogrip.cli.session.settings_file import load
-from cogrip.cli.session.shipped_settings import shipped
+from cogrip.cli.settings.settings_file import load
+from cogrip.cli.settings.shipped_settings import shipped
 from cogrip.cli.terminal.output import make_console
 from cogrip.cli.terminal.problem import Problem, at_least_one
 from cogrip.cli.terminal.tables import plain_table
@@ -33,8 +33,8 @@ from cogrip.devices.web.messages import Pointer, encode_pointer
 from cogrip.protocol.channel import UnencryptedChannel
 from cogrip.protocol.recording.reader import open_recording
 from cogrip.protocol.settings import Settings, resolve, seat_settings
-from cogrip.sim.runs.folder import SERVER_RECORDING, SETTINGS, client_recording, write_settings
-from cogrip.sim.runs.records import End
+from cogrip.results.folder import SERVER_RECORDING, SETTINGS, client_recording, write_settings
+from cogrip.results.records import End
 
 from tests.bench import machine
 from tests.bench.children import ROOT, output_at_end, start_cogrip, start_python, wait_for_line

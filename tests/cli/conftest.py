@@ -8,14 +8,14 @@ from typing import Any
 import pytest
 
 from cogrip.cli.main import main
+from cogrip.experiments.experiment import Job, Measure, Result, run_cases
+from cogrip.experiments.worker_pool import LocalWorkers
 from cogrip.protocol.settings import resolve
-from cogrip.sim.experiments.experiment import Job, Measure, Result, run_cases
-from cogrip.sim.experiments.worker_pool import LocalWorkers
-from cogrip.sim.runs.laboratory_run import run_laboratory
+from cogrip.results.laboratory_run import run_laboratory
 
 from tests.bench.__main__ import main as run_bench
 from tests.cli.command import Cogrip
-from tests.sim.reported_runs import blank_pictures
+from tests.results.reported_runs import blank_pictures
 
 TABLE: dict[str, Any] = {
     "name": "pair",
@@ -68,15 +68,15 @@ def no_workers(monkeypatch: pytest.MonkeyPatch) -> None:
 @pytest.fixture
 def no_probes(monkeypatch: pytest.MonkeyPatch) -> None:
     """Compare methods without their felt stiffness, which takes longer than their sessions."""
-    monkeypatch.setattr("cogrip.sim.experiments.methods.query.FELT_SEEDS", 0)
+    monkeypatch.setattr("cogrip.experiments.methods.query.FELT_SEEDS", 0)
 
 
 @pytest.fixture
 def no_pictures(monkeypatch: pytest.MonkeyPatch) -> None:
     """Write no reports, which take longer than short sessions."""
-    monkeypatch.setattr("cogrip.sim.experiments.methods.report.draw_all", lambda *_: [])
-    monkeypatch.setattr("cogrip.sim.runs.report.page.write_report", lambda folder: folder / "report.html")
-    monkeypatch.setattr("cogrip.sim.runs.report.compared.write_comparison", lambda page, *_: (page, [], []))
+    monkeypatch.setattr("cogrip.experiments.methods.report.draw_all", lambda *_: [])
+    monkeypatch.setattr("cogrip.results.report.page.write_report", lambda folder: folder / "report.html")
+    monkeypatch.setattr("cogrip.results.report.compared.write_comparison", lambda page, *_: (page, [], []))
 
 
 @pytest.fixture

@@ -7,11 +7,11 @@ from pathlib import Path
 
 import pytest
 
+from cogrip.analysis import felt_probe as felt
+from cogrip.analysis import laboratory_check
+from cogrip.analysis.figures import decimators
+from cogrip.analysis.stiffest import stiffest
 from cogrip.cli.study import advise
-from cogrip.sim.analysis.figures import decimators
-from cogrip.sim.analysis.stiffest import stiffest
-from cogrip.sim.experiments.methods import felt
-from cogrip.sim.session import laboratory_check
 
 from tests.cli.command import Cogrip
 from tests.extent import long

@@ -10,8 +10,8 @@ from typing import Any
 import pytest
 
 from cogrip.cli.terminal.problem import BadInput
-from cogrip.sim.experiments.experiment import Result
-from cogrip.sim.experiments.worker_pool import LocalWorkers
+from cogrip.experiments.experiment import Result
+from cogrip.experiments.worker_pool import LocalWorkers
 
 from tests.bench import concealment, impaired, playout, stability
 from tests.bench.__main__ import BENCHES, RENAMED

@@ -5,7 +5,7 @@ import os
 import pytest
 
 from cogrip.cli.main import main
-from cogrip.sim.blas_threads import BLAS_THREADS
+from cogrip.machine.blas_threads import BLAS_THREADS
 
 
 @pytest.mark.parametrize("set_by_user", ["", *BLAS_THREADS])

@@ -9,7 +9,7 @@ import pytest
 
 from cogrip.cli.session.children import how_ended, listening_port, stated_reason
 from cogrip.cli.terminal.problem import Problem
-from cogrip.protocol.io.stop import Stop
+from cogrip.machine.stop import Stop
 
 from tests.live.held_arms import until
 

@@ -6,7 +6,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from cogrip.cli.session.before_run import together
+from cogrip.cli.settings.before_run import together
 from cogrip.protocol.setting_errors import expects, plain, unit_of
 
 from tests.cli.command import Cogrip

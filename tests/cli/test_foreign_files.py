@@ -5,6 +5,7 @@ from pathlib import Path
 import pytest
 
 from cogrip.cli.main import main
+from cogrip.experiments.study.study_file import StudyError
 from cogrip.protocol.foreign_file import ForeignFileError
 from cogrip.protocol.recording.reader import RecordingError
 from cogrip.protocol.settings_table import SettingsError
@@ -12,8 +13,7 @@ from cogrip.server.checkpoint import CheckpointError
 from cogrip.server.worlds.registry import WorldKindError
 from cogrip.server.worlds.scene_text import SceneError
 from cogrip.server.worlds.world import WorldError
-from cogrip.sim.experiments.study.study_file import StudyError
-from cogrip.sim.session.delay_trace import TraceError
+from cogrip.sim.delay_trace import TraceError
 
 from tests.cli.command import Cogrip
 

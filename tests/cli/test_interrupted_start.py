@@ -8,7 +8,7 @@ import sys
 import pytest
 
 from cogrip.cli import main as command
-from cogrip.protocol.io.platform import system
+from cogrip.machine.platform import system
 
 from tests.cli.command import Cogrip
 
@@ -43,7 +43,7 @@ def test_while_modules_are_imported_it_ends_the_process_and_nothing_is_said(name
 
 @pytest.mark.skipif(os.name == "nt", reason="signals of POSIX")
 def test_what_a_running_command_imports_is_interrupted_in_one_line() -> None:
-    code, said = started("cogrip.sim.runs.listing", "runs")
+    code, said = started("cogrip.results.listing", "runs")
     assert (code, said) in ((130, "cogrip: interrupted\n"), (-signal.SIGINT, ""))
 
 
@@ -74,7 +74,7 @@ def test_an_error_of_its_own_is_no_interrupt(cogrip: Cogrip, monkeypatch: pytest
 def test_a_process_that_ignores_the_end_of_others_is_not_ended_before_it_does(number: signal.Signals) -> None:
     program = (
         f"import os; os.kill(os.getpid(), {number:d})\n"
-        "from cogrip.protocol.io.platform import system\n"
+        "from cogrip.machine.platform import system\n"
         "system.ignore_end_signals()\n"
         f"os.kill(os.getpid(), {number:d})\n"
         "import signal; print('on', signal.pthread_sigmask(signal.SIG_BLOCK, ()))\n"

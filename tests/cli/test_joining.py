@@ -11,6 +11,9 @@ import msgspec
 import numpy as np
 import pytest
 
+from cogrip.analysis.advice import Advice
+from cogrip.analysis.linear_session import ModelError
+from cogrip.analysis.stability import Limit, Verdict
 from cogrip.cli.session import join, join_target, joined_device
 from cogrip.cli.session.observe import Every, line, table
 from cogrip.cli.terminal.problem import BadInput
@@ -25,9 +28,6 @@ from cogrip.protocol.io.dtls_client import DtlsClient
 from cogrip.protocol.messages import Hello, Stamp, View, Welcome
 from cogrip.protocol.session import ClientSession
 from cogrip.protocol.settings import resolve, seat_settings
-from cogrip.sim.analysis.advice import Advice
-from cogrip.sim.analysis.linear_session import ModelError
-from cogrip.sim.analysis.stability import Limit, Verdict
 
 from tests.cli.command import Cogrip, printed
 

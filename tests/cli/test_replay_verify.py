@@ -7,7 +7,7 @@ from pathlib import Path
 import msgspec
 import pytest
 
-from cogrip.protocol.io.platform import system
+from cogrip.machine.platform import system
 from cogrip.protocol.recording.header import versions_here
 from cogrip.protocol.recording.reader import open_recording
 from cogrip.protocol.recording.records import Tick

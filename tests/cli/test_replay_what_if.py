@@ -7,8 +7,8 @@ from pathlib import Path
 
 import pytest
 
-from cogrip.sim.runs.records import open_run
-from cogrip.sim.session.laboratory import Laboratory
+from cogrip.results.records import open_run
+from cogrip.sim.laboratory import Laboratory
 
 from tests.cli.command import Cogrip
 from tests.cli.spoiled_runs import FILES

@@ -15,9 +15,9 @@ from hypothesis import strategies as st
 
 from cogrip.protocol.io.recorder import is_being_written
 from cogrip.protocol.settings import resolve
-from cogrip.sim.runs.laboratory_run import run_laboratory
-from cogrip.sim.runs.listing import ListedRun, list_runs
-from cogrip.sim.runs.records import open_run
+from cogrip.results.laboratory_run import run_laboratory
+from cogrip.results.listing import ListedRun, list_runs
+from cogrip.results.records import open_run
 
 from tests.cli.command import Cogrip
 from tests.cli.spoiled_runs import damage

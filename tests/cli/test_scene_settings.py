@@ -5,8 +5,8 @@ from pathlib import Path
 import pytest
 
 from cogrip.cli.session.joined_device import judge_seat
-from cogrip.cli.session.settings_file import load
-from cogrip.cli.session.shipped_settings import shipped_scene
+from cogrip.cli.settings.settings_file import load
+from cogrip.cli.settings.shipped_settings import shipped_scene
 from cogrip.cli.terminal.problem import BadInput
 from cogrip.devices.registry import make
 from cogrip.protocol.settings import seat_settings

@@ -6,13 +6,13 @@ from pathlib import Path
 
 import pytest
 
+from cogrip.analysis.advice import advise, ample
+from cogrip.analysis.advice_change import ranked_changes
+from cogrip.analysis.linear_session import ModelError
 from cogrip.cli.main import main
-from cogrip.cli.session.settings_file import load
-from cogrip.cli.session.shipped_settings import shipped, shipped_names, summary_of
+from cogrip.cli.settings.settings_file import load
+from cogrip.cli.settings.shipped_settings import shipped, shipped_names, summary_of
 from cogrip.cli.study.study_source import shipped_studies
-from cogrip.sim.analysis.advice import advise, ample
-from cogrip.sim.analysis.advice_change import ranked_changes
-from cogrip.sim.analysis.linear_session import ModelError
 
 from tests.cli.command import Cogrip
 
@@ -143,7 +143,7 @@ def test_a_wheel_holds_them_once_and_no_second_copy_is_in_the_tree(
     assert held == {f"cogrip/cli/configs/{name}.toml" for name in {*shipped_names(), *studies}}
     assert not (ROOT / "cli/cogrip/cli/configs").exists()
     zipfile.ZipFile(wheel).extractall(tmp_path / "installed")
-    monkeypatch.setattr("cogrip.cli.session.shipped_settings.files", lambda package: tmp_path / "installed/cogrip/cli")
+    monkeypatch.setattr("cogrip.cli.settings.shipped_settings.files", lambda package: tmp_path / "installed/cogrip/cli")
     assert shipped("demo").is_relative_to(tmp_path)
     assert load(Path("demo")) == load(CONFIGS / "demo.toml")
     assert main(["configs", "show", "lan"]) == 0

@@ -5,7 +5,7 @@ from pathlib import Path
 
 import pytest
 
-from cogrip.cli.session.shipped_settings import shipped
+from cogrip.cli.settings.shipped_settings import shipped
 
 from tests.cli.command import Cogrip
 

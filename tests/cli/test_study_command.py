@@ -9,7 +9,7 @@ import pytest
 from cogrip.cli.study import study_source
 
 from tests.cli.command import Cogrip
-from tests.sim.studies import SHIPPED
+from tests.experiments.studies import SHIPPED
 
 pytestmark = pytest.mark.usefixtures("empty_folder")
 

@@ -25,17 +25,17 @@ from cogrip.cli.study.compare import methods_table
 from cogrip.cli.terminal.tables import say, wrapped
 from cogrip.devices.arm.check import Row
 from cogrip.devices.registry import describe, families
+from cogrip.experiments.methods.table import TABLE
+from cogrip.machine.stop import Stop
 from cogrip.protocol.channel import place_text
-from cogrip.protocol.io.stop import Stop
 from cogrip.protocol.link_profile import Link
 from cogrip.protocol.recording.records import SeatStep, Step, Tick
+from cogrip.results.comparison import differences
+from cogrip.results.listing import ListedRun
 from cogrip.server.roster import RosterEntry
-from cogrip.sim.experiments.methods.table import TABLE
-from cogrip.sim.runs.comparison import differences
-from cogrip.sim.runs.listing import ListedRun
-from cogrip.sim.session.io.relay_loop import LiveRelay
-from cogrip.sim.session.link import configured_link
-from cogrip.sim.session.relay import Relay
+from cogrip.sim.io.relay_loop import LiveRelay
+from cogrip.sim.link import configured_link
+from cogrip.sim.relay import Relay
 
 from tests.cli.command import printed
 from tests.extent import long

@@ -5,7 +5,7 @@ from pathlib import Path
 
 import pytest
 
-from cogrip.cli.session.settings_file import load
+from cogrip.cli.settings.settings_file import load
 from cogrip.cli.terminal.problem import BadInput
 
 from tests.cli.command import Cogrip

@@ -12,14 +12,14 @@ from cogrip.cli.study.study import trials_in_words
 from cogrip.cli.study.study_source import load_study
 from cogrip.cli.study.terminal_people import Keys, TerminalPeople
 from cogrip.cli.terminal.output import make_console
-from cogrip.protocol.io.stop import Stop
-from cogrip.sim.experiments.study.conductor import Quit
-from cogrip.sim.experiments.study.plan import Trial, next_trial, planned
-from cogrip.sim.experiments.study.questions import AnswerError, Question, items_of, raw_tlx, unfit_question
-from cogrip.sim.experiments.study.trial import Event, TrialState
+from cogrip.experiments.study.conductor import Quit
+from cogrip.experiments.study.plan import Trial, next_trial, planned
+from cogrip.experiments.study.questions import AnswerError, Question, items_of, raw_tlx, unfit_question
+from cogrip.experiments.study.trial import Event, TrialState
+from cogrip.machine.stop import Stop
 from cogrip.view.io.study_page import StudyPage
 
-from tests.sim.studies import PLAIN, parsed
+from tests.experiments.studies import PLAIN, parsed
 
 
 class Terminal:

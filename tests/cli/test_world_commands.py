@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 
 from cogrip.cli.session.joined_device import judge_seat
-from cogrip.cli.session.settings_file import load
+from cogrip.cli.settings.settings_file import load
 from cogrip.cli.terminal.problem import BadInput
 from cogrip.cli.worlds import check as check_command
 from cogrip.devices.registry import make
@@ -180,3 +180,53 @@ def test_a_world_of_ones_own_gets_advice_of_its_line_and_a_session(cogrip: Cogri
     assert "no linear model" in found["findings"][3]["text"]
     assert found["laboratory"]["seconds"] == 1.0
     assert "laboratory" not in cogrip.out("advise room.toml --no-laboratory")
+
+
+DRAWER = """<mujoco><option iterations="1"/><worldbody><body pos="0.1 0 0.05"><joint type="slide" axis="1 0 0"/>
+<geom type="box" size="0.03 0.03 0.03" mass="0.3"/></body></worldbody>{more}</mujoco>"""
+
+
+def test_check_tells_what_becomes_of_a_scene(cogrip: Cogrip, folder: Path) -> None:
+    (folder / "drawer.xml").write_text(DRAWER.format(more=""))
+    answer = cogrip.answer("worlds check drawer.xml --set object.substeps=8")
+    rows = {(row["topic"], row["level"]): row["text"] for row in answer["rows"]}
+    assert answer["usable"] is True
+    assert "stepped 8 times a frame" in rows["loads", "ok"]
+    assert rows["added", "ok"].startswith("pad for user2 at ")
+    assert "iterations (1 > 100)" in rows["contact", "note"]
+    assert rows["felt", "ok"].startswith("user1, user2: a fixed body is felt with ")
+    assert rows["energy", "ok"].startswith("in 100 random pushes the scene made 0 mJ")
+    assert "of a processor" in rows["cost", "ok"]
+
+
+@pytest.mark.parametrize(
+    ("more", "words"),
+    [
+        ('<asset><texture name="t" type="2d" file="wood.png"/></asset>', "✗ loads: drawer.xml: texture 'wood.png'"),
+        ("</worldbody>", "✗ loads: drawer.xml: "),
+    ],
+)
+def test_check_of_a_scene_that_cannot_be_used_says_why(cogrip: Cogrip, folder: Path, more: str, words: str) -> None:
+    (folder / "drawer.xml").write_text(DRAWER.format(more=more))
+    out = cogrip.out("worlds check drawer.xml", code=1)
+    assert out.startswith(words)
+    assert len(out.splitlines()) == 1
+
+
+CLOTH = """<mujoco><worldbody>
+<flexcomp name="cloth" type="grid" count="6 6 1" spacing=".02 .02 .02" pos="0 0 .1" dim="2" radius=".002" mass=".05">
+<pin id="0 5 30 35"/><edge equality="true"/></flexcomp>
+<body name="ball" pos="0 0 .14"><freejoint/><geom type="sphere" size=".015" mass=".02"/></body></worldbody></mujoco>"""
+
+
+def test_check_of_a_scene_that_makes_energy_is_no_success_and_its_cure_is_one(cogrip: Cogrip, folder: Path) -> None:
+    (folder / "cloth.xml").write_text(CLOTH)
+    out = cogrip.out("worlds check cloth.xml", code=1)
+    assert "✗ energy: " in out
+    assert "raise object.substeps" in out
+    assert "✗" not in cogrip.out("worlds check cloth.xml --set object.substeps=8")
+
+
+def test_a_scene_that_is_not_there_is_a_line(cogrip: Cogrip) -> None:
+    assert cogrip.err("worlds check none.xml").startswith("cogrip: none.xml: there is no such file; give MJCF or URDF")
+    assert "--set and --json are of a scene's file" in cogrip.err("worlds check cube --json -")

@@ -8,8 +8,8 @@ from typing import Any
 from cogrip.client.inputs import CloseLedger, Connect, DeviceFailed, KeepSeat, Leave, Poll, Rearm, Stop
 from cogrip.client.recorder import KINDS, RecordedClient, client_topics
 from cogrip.devices.device import Capability, Sample
+from cogrip.machine.tick_count import Percentiles, TickCount
 from cogrip.protocol import messages
-from cogrip.protocol.accounts import Percentiles, TickCount
 from cogrip.protocol.line.sender import LineSender
 from cogrip.protocol.messages import Farewell, Refuse, Stamp, Welcome
 from cogrip.protocol.rates import due_ns

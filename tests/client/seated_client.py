@@ -13,8 +13,9 @@ from cogrip.client.seated import SeatedClient
 from cogrip.client.wave_coupling import WaveCoupling
 from cogrip.devices.device import Capability, Sample
 from cogrip.devices.plausibility import Plausibility
+from cogrip.machine.tick_count import TickCount
 from cogrip.protocol import messages
-from cogrip.protocol.accounts import ClientAccount, TickCount
+from cogrip.protocol.accounts import ClientAccount
 from cogrip.protocol.line.sender import LineSender
 from cogrip.protocol.messages import PROTOCOL_VERSION, Hello, Stamp, Waves, Welcome
 from cogrip.protocol.rates import due_ns

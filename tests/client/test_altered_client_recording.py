@@ -9,12 +9,12 @@ from hypothesis import strategies as st
 
 from cogrip.client.inputs import ClientInput, CloseLedger, DeviceFailed, Leave, Poll
 from cogrip.client.recorder import ACCOUNT, DATAGRAM_OUT, EVENT, TICK, client_topics
+from cogrip.machine.tick_count import TickCount
 from cogrip.protocol import messages
-from cogrip.protocol.accounts import TickCount
 from cogrip.protocol.messages import Waves
 from cogrip.protocol.recording.records import Datagram, Input, Tick
 from cogrip.protocol.recording.sink import encode
-from cogrip.sim.runs.replay.comparison import Difference
+from cogrip.results.replay.comparison import Difference
 
 from tests.client.recorded_person import SCRIPT, M
 

@@ -102,6 +102,8 @@ def test_a_stalled_device_faults_and_its_line_ends_in_a_matched_termination() ->
     client.tick(260, 0.0)
     assert core.safety.state == "fault"
     core.handle(Rearm(), core.now_ns)
+    assert core.safety.state == "armed"
+    client.tick(261, 0.0)
     assert core.safety.state == "live"
 
 
@@ -117,7 +119,7 @@ def test_a_stale_link_takes_the_force_away_and_gives_it_back() -> None:
     assert force[511] == pytest.approx(ROOT * 0.3, rel=0.05), "but for what is compensated of the first frame"
     assert force[silent[-1]] == 0.0
     assert client.core.safety.state == "live"
-    assert ROOT * 0.3 < force[-1] <= ROOT * (0.3 + ELASTIC_LIMIT), "what was lost is still being compensated"
+    assert ROOT * 0.3 * (1.0 - 1e-5) < force[-1] <= ROOT * (0.3 + ELASTIC_LIMIT), "what was lost is compensated by now"
     assert client.core.safety.reason == ""
     assert max(abs(np.diff(force[768:]))) < ROOT * 0.3 / (0.3 * DEVICE_HZ / M), "it ramps in, it does not jump"
 

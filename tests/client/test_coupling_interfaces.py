@@ -9,8 +9,8 @@ from cogrip.client.local_scene import LocalScene
 from cogrip.client.schemes import SCHEMES
 from cogrip.client.seat_hand import SeatHand
 from cogrip.client.seated import SeatedClient
+from cogrip.machine.compiled_files import form
 from cogrip.protocol.decimation import Boxcar, Decimator, LastSample, Lowpass
-from cogrip.protocol.io.compiled_files import form
 
 from tests.interfaces import only_named
 

@@ -21,6 +21,7 @@ from cogrip.client.device_port import (
     DevicePort,
 )
 from cogrip.client.force_limits import SOFT_SLOPE_NPS
+from cogrip.client.inputs import DeviceOpened
 from cogrip.client.oscillation import REVERSALS, TRAIN
 from cogrip.client.velocity import largest_impedance
 
@@ -287,6 +288,7 @@ def test_what_a_line_is_sent_is_not_cut_off_of_the_balance_as_well() -> None:
     """A line whose energy is absorbed, then spent on what was withheld: the balance has it once."""
     client = Client(bare=False, speed_mps=1.0)
     seated = client.seated
+    client.core.handle(DeviceOpened(seated.capability), 0)
     seated.safety.fail("of the test")
     client.hear(0, 30.0)
     client.run(range(32 * M), wave=30.0)

@@ -10,8 +10,8 @@ from cogrip.client.core import ClientCore
 from cogrip.client.force_limits import MOST_SLOPE_NPS
 from cogrip.client.inputs import CloseLedger, Connect, Rearm
 from cogrip.devices.registry import make
+from cogrip.machine.tick_count import TickCount
 from cogrip.protocol import messages
-from cogrip.protocol.accounts import TickCount
 from cogrip.protocol.line.sender import LineSender
 from cogrip.protocol.messages import Leave, Power, Stamp, State
 from cogrip.protocol.rates import LEAST_DEVICE_HZ, Rates, due_ns

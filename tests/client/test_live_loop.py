@@ -12,13 +12,13 @@ from cogrip.client.io.paths import JoinError
 from cogrip.client.loop import Ended, LiveClient, fade_out
 from cogrip.client.safety import FAULT_OUT_S
 from cogrip.devices.device import DeviceError, Sample
+from cogrip.machine import pacing
+from cogrip.machine.pacing import Pacer
+from cogrip.machine.stop import Stop
 from cogrip.protocol import messages
-from cogrip.protocol.io import pacing
-from cogrip.protocol.io.pacing import Pacer
-from cogrip.protocol.io.stop import Stop
 from cogrip.protocol.link_profile import LinkProfile
 from cogrip.protocol.messages import Leave
-from cogrip.sim.session.link import LinkEmulator
+from cogrip.sim.link import LinkEmulator
 
 from tests.client.seated_client import DEVICE_HZ, capability, hello, seat, welcome
 

@@ -9,7 +9,7 @@ import pytest
 
 from cogrip.devices.device import Sample
 from cogrip.protocol.settings import resolve
-from cogrip.sim.session.laboratory import Laboratory
+from cogrip.sim.laboratory import Laboratory
 
 from tests.extent import every
 

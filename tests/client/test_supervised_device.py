@@ -112,10 +112,10 @@ def held() -> Held:
 
 def test_the_core_goes_by_the_record_of_a_device_that_is_open(held: Held) -> None:
     held.supervised.open()
-    assert held.core.equipped == []
+    assert held.core.equipped == [RECORD]
     weaker = held.device.when_open = replace(RECORD, peak_force_n=2.0)
     held.supervised.open()
-    assert held.core.equipped == [weaker]
+    assert held.core.equipped == [RECORD, weaker]
     assert held.device.calls == [("open", RATE_HZ)] * 2
 
 

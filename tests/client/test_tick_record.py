@@ -12,8 +12,8 @@ from cogrip.devices.device import Device, Sample
 from cogrip.protocol.recording.records import Tick
 from cogrip.protocol.recording.sink import encode, pack
 from cogrip.protocol.settings import resolve
-from cogrip.sim.session import laboratory as session_laboratory
-from cogrip.sim.session.laboratory import Laboratory, make_for
+from cogrip.sim import laboratory as session_laboratory
+from cogrip.sim.laboratory import Laboratory, make_for
 
 
 class Varied:

@@ -285,7 +285,8 @@ def test_fault_that_loses_the_pose_is_an_error_until_it_is_set_right(verb: str, 
     assert bench.firmware.torque_nm == (0.0, 0.0)
 
 
-passing = st.sampled_from([verb for verb in VERBS if verb != "unplug"])
+passing = st.sampled_from([verb for verb in VERBS if verb not in ("unplug", "reversed")])
+"""Faults of a wire. Motors that push the other way are no such fault: a trial finds them before a seat is taken."""
 
 
 @given(st.lists(st.tuples(passing, st.integers(1, 60), st.integers(1, 60)), min_size=1, max_size=5), st.integers(0, 99))

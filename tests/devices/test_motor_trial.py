@@ -84,6 +84,10 @@ def test_no_device_that_is_well_is_refused(arm: str, hand: str) -> None:
 @pytest.mark.parametrize("arm", ARMS)
 def test_one_that_is_held_loosely_is_said_to_be_well(arm: str) -> None:
     outcome = tried(arm, SOFT)
+    if arm == "emulated:inverse3":  # 4 N nominal, of 0.15 kg: too little is seen along z
+        assert not outcome.faults
+        assert not any("x" in text.partition(":")[0] for text in outcome.unknown if "held" in text)
+        return
     assert outcome.seen
     assert "as its record says" in outcome.text
     assert all(text.startswith(("gain along", "age of samples, within 3")) for text in outcome.unknown)

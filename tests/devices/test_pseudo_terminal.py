@@ -20,7 +20,7 @@ from cogrip.devices.device import DeviceError, Sample
 from cogrip.devices.io.serial_port import SerialPort
 from cogrip.devices.registry import make
 from cogrip.devices.serial.frames import BracketCodec
-from cogrip.protocol.io.pacing import Pacer
+from cogrip.machine.pacing import Pacer
 
 from tests import forked
 

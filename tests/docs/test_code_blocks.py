@@ -16,12 +16,25 @@ import pytest
 import cogrip.api as cogrip
 from cogrip.cli.study.study_source import load_study
 from cogrip.devices.simulated.catalogue import GROUP
+from cogrip.experiments.study.study_file import read_study
 from cogrip.server.worlds.registry import ALLOWED
-from cogrip.sim.experiments.study.study_file import read_study
 
 from tests.docs.pages import ROOT, page
 
-PACKAGES = ("protocol", "devices", "client", "server", "sim", "view", "cli", "api")
+PACKAGES = (
+    "machine",
+    "protocol",
+    "devices",
+    "client",
+    "server",
+    "sim",
+    "results",
+    "analysis",
+    "experiments",
+    "view",
+    "cli",
+    "api",
+)
 FENCED = re.compile(r"^( *)```(\w+)\n(.*?)^ *```$", re.DOTALL | re.MULTILINE)
 INDENTED = re.compile(r"^(?: {4}.*\n(?:\n(?= {4}))?)+", re.MULTILINE)
 LIMIT_S = 120.0
@@ -66,7 +79,7 @@ TABLES = [each for each in on_pages("toml") if each[0] != "docs/worlds.md"]
 """Those of docs/worlds.md are run by test_worlds_page.py."""
 EXPECTED = {
     "docs/api.md": "", "docs/effects.md": "", "docs/measures.md": "completion_s", "docs/worlds.md": "",
-    "api/cogrip/api/__init__.py": "True", "sim/cogrip/sim/runs/records.py": "0.0",
+    "api/cogrip/api/__init__.py": "True", "results/cogrip/results/records.py": "0.0",
 }  # fmt: skip
 """Where there is a block -> what it prints."""
 
@@ -76,7 +89,7 @@ def prepare(name: str, folder: Path) -> None:
     if name == "docs/measures.md":
         made = cogrip.run("demo", seconds=1.0, folder=folder)
         shutil.move(made.folder, folder / "studies" / "fitts" / "runs" / "01-001-practice-1")
-    if name == "sim/cogrip/sim/runs/records.py":
+    if name == "results/cogrip/results/records.py":
         made = cogrip.run("demo", seconds=0.2, folder=folder)
         (folder / "runs").mkdir()
         shutil.move(made.folder, folder / "runs" / "20260101-120000-demo")

@@ -18,7 +18,20 @@ from tests.docs.pages import DOCS, ROOT, anchor, headings, page, prose_lines
 
 SUFFIXES = (".py", ".md", ".toml", ".service", ".rules")
 SKIPPED = {"__pycache__", "build", "dist", "node_modules", "runs", "sweeps", "recordings"}
-PACKAGES = ("protocol", "devices", "client", "server", "sim", "view", "cli", "api")
+PACKAGES = (
+    "machine",
+    "protocol",
+    "devices",
+    "client",
+    "server",
+    "sim",
+    "results",
+    "analysis",
+    "experiments",
+    "view",
+    "cli",
+    "api",
+)
 
 THEORY = re.compile(
     r"\btheory(?:\.md)?`?,?(?: sections?)? (\d+(?:\.\d+)*)(?:(?: and | or |, )(\d+\.\d+))?", re.IGNORECASE

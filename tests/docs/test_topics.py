@@ -7,7 +7,7 @@ import msgspec
 
 from cogrip.cli.main import COMMANDS
 from cogrip.protocol.settings import Settings, resolve
-from cogrip.sim.runs.laboratory_run import run_laboratory
+from cogrip.results.laboratory_run import run_laboratory
 
 from tests.docs.pages import page
 

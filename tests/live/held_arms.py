@@ -42,7 +42,7 @@ OWN_TERMINAL = (
     "from cogrip.cli.main import main; sys.exit(main(sys.argv[1:]))"
 )
 WITHOUT_PLOTS = (  # its report is a page of tables
-    "import sys; from cogrip.sim.runs.report import page; page.draw_plots = lambda run: []\n"
+    "import sys; from cogrip.results.report import page; page.draw_plots = lambda run: []\n"
     "from cogrip.cli.main import main; sys.exit(main())"
 )
 BROKEN_LAW = """

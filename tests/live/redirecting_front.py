@@ -8,8 +8,8 @@ from pathlib import Path
 from typing import Any
 
 from cogrip.cli.session.server_state import front_channel_of
-from cogrip.cli.session.settings_file import load
-from cogrip.protocol.io.stop import Stop
+from cogrip.cli.settings.settings_file import load
+from cogrip.machine.stop import Stop
 from cogrip.server.events import ServerEvent
 from cogrip.server.io.cluster.directory import Home
 from cogrip.server.io.cluster.front import ClusterFront

@@ -8,7 +8,7 @@ from pathlib import Path
 import msgspec
 import pytest
 
-from cogrip.cli.session.settings_file import load
+from cogrip.cli.settings.settings_file import load
 from cogrip.protocol.join_link import JoinLink, parse_link
 from cogrip.protocol.session import make_hello
 from cogrip.protocol.settings import seat_settings

@@ -13,7 +13,7 @@ from pathlib import Path
 import msgspec
 import pytest
 
-from cogrip.cli.session.settings_file import load
+from cogrip.cli.settings.settings_file import load
 from cogrip.protocol.io.dtls_client import DtlsClient
 from cogrip.protocol.join_link import parse_link
 from cogrip.protocol.session import make_hello

@@ -7,9 +7,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from cogrip.cli.session.settings_file import load
+from cogrip.cli.settings.settings_file import load
 from cogrip.protocol.settings import seat_settings
-from cogrip.sim.runs.records import open_run
+from cogrip.results.records import open_run
 from cogrip.view.io.lab_outlet import LabOutlet
 from cogrip.view.lab_streams import channels, rate_hz
 

@@ -2,10 +2,10 @@
 
 import signal
 
-from cogrip.cli.session.settings_file import load
+from cogrip.cli.settings.settings_file import load
 from cogrip.protocol.passivity_control import LENT_J
-from cogrip.sim.runs.summary import of_laboratory
-from cogrip.sim.session.laboratory import Laboratory
+from cogrip.results.summary import of_laboratory
+from cogrip.sim.laboratory import Laboratory
 
 from tests.live.test_live_sessions import DEMO, FEW_FRAMES, accounted, leaving, replayed, summary_in
 

@@ -8,7 +8,7 @@ import pytest
 
 from cogrip.protocol.recording.folder import recordings_of
 from cogrip.protocol.recording.reader import open_recording
-from cogrip.sim.runs.replay.verify import verify
+from cogrip.results.replay.verify import verify
 
 from tests.extent import every
 from tests.live.test_live_sessions import FEW_FRAMES

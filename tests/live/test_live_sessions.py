@@ -11,15 +11,15 @@ import msgpack
 import msgspec
 import pytest
 
-from cogrip.protocol.io.compiled_files import form
+from cogrip.machine.compiled_files import form
 from cogrip.protocol.messages import HELLO_BYTES, PROTOCOL_VERSION
 from cogrip.protocol.recording.reader import Follower, RecordingError, open_recording
 from cogrip.protocol.recording.records import Step
+from cogrip.results.replay.verify import Verdict, verify
+from cogrip.results.traces import load_run
 from cogrip.server.checkpoint import decode
 from cogrip.server.io import checkpoint_file
 from cogrip.server.recorder import step_topic
-from cogrip.sim.runs.replay.verify import Verdict, verify
-from cogrip.sim.runs.traces import load_run
 
 from tests.extent import long
 from tests.free_ports import free_port

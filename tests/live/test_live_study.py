@@ -13,8 +13,8 @@ import pytest
 from websockets.sync.client import ClientConnection, connect
 from websockets.typing import Subprotocol
 
-from cogrip.sim.experiments.study.journal import read_answers, read_trials
-from cogrip.sim.runs.records import End, RunRecords, open_run
+from cogrip.experiments.study.journal import read_answers, read_trials
+from cogrip.results.records import End, RunRecords, open_run
 
 from tests.free_ports import free_port
 from tests.live.held_arms import LIMIT_S, Spoken

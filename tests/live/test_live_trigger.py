@@ -10,9 +10,9 @@ from pathlib import Path
 import cogrip.api
 from cogrip.devices.io.platform import open_pseudo_terminal
 from cogrip.protocol.recording.reader import open_recording
-from cogrip.sim.runs.folder import SERVER_RECORDING
-from cogrip.sim.runs.records import open_run
-from cogrip.sim.runs.replay.verify import verify
+from cogrip.results.folder import SERVER_RECORDING
+from cogrip.results.records import open_run
+from cogrip.results.replay.verify import verify
 
 from tests.free_ports import free_port
 from tests.live.held_arms import LIMIT_S, Spoken

@@ -9,7 +9,8 @@ from pathlib import Path
 
 import pytest
 
-from cogrip.protocol.accounts import LEFT, SATURATED, ClientAccount, DeviceAccount, LinkCount, Percentiles, TickCount
+from cogrip.machine.tick_count import Percentiles, TickCount
+from cogrip.protocol.accounts import LEFT, SATURATED, ClientAccount, DeviceAccount, LinkCount
 from cogrip.protocol.messages import Leave, encode
 from cogrip.protocol.session import ClientSession, make_hello
 

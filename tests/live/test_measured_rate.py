@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 
 from cogrip.protocol.network_rate import RATES_HZ, RateChoice
-from cogrip.sim.runs.folder import SETTINGS
+from cogrip.results.folder import SETTINGS
 
 FILE = """
 name = "box"

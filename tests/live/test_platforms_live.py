@@ -9,7 +9,7 @@ from pathlib import Path
 import pytest
 
 from cogrip.protocol.recording.reader import open_recording
-from cogrip.sim.runs.replay.verify import verify
+from cogrip.results.replay.verify import verify
 
 from tests.stalls import MACHINE_STALLED
 from tests.test_layout import ROOT

@@ -17,8 +17,8 @@ import pytest
 
 from cogrip.protocol.recording.reader import Follower, RecordingError, open_recording
 from cogrip.protocol.recording.records import kind_of
-from cogrip.sim.runs.folder import SERVER_RECORDING, client_recording
-from cogrip.sim.runs.replay.verify import verify
+from cogrip.results.folder import SERVER_RECORDING, client_recording
+from cogrip.results.replay.verify import verify
 
 from tests import forked
 from tests.extent import every

@@ -12,8 +12,8 @@ import pytest
 
 from cogrip.protocol.join_link import parse_link
 from cogrip.protocol.settings import resolve
-from cogrip.sim.runs.records import open_run
-from cogrip.sim.session.link import Fate, fates
+from cogrip.results.records import open_run
+from cogrip.sim.link import Fate, fates
 
 from tests.extent import long
 from tests.free_ports import free_port

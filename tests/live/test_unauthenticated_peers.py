@@ -23,13 +23,13 @@ import pytest
 from cogrip.protocol.join_link import JoinLink, parse_link
 from cogrip.protocol.messages import HELLO_BYTES
 from cogrip.protocol.recording.reader import RecordingError, open_recording
+from cogrip.results.records import End
+from cogrip.results.replay.verify import verify
 from cogrip.server.checkpoint import RoomCheckpoint, decode
 from cogrip.server.io import checkpoint_file
 from cogrip.server.io.state_folder import find_folder
 from cogrip.server.io.token_file import TokenFile, draw_token
 from cogrip.server.recorder import step_topic
-from cogrip.sim.runs.records import End
-from cogrip.sim.runs.replay.verify import verify
 
 from tests.free_ports import free_port
 from tests.live.held_arms import DEMO, LIMIT_S, Spoken, fairly, until

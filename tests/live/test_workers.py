@@ -12,9 +12,9 @@ import msgspec
 import pytest
 
 from cogrip.protocol.join_link import parse_link
+from cogrip.results.replay.verify import verify
 from cogrip.server.checkpoint import decode
 from cogrip.server.io import checkpoint_file
-from cogrip.sim.runs.replay.verify import verify
 
 from tests.free_ports import free_port
 from tests.live.held_arms import DEMO, Spoken, fairly, until

@@ -16,7 +16,7 @@ from cogrip.protocol.line.sender import LineSender
 from cogrip.protocol.link_profile import LinkProfile
 from cogrip.protocol.rates import Rates
 from cogrip.protocol.settings import Playout
-from cogrip.sim.session.link import HOLD_MS
+from cogrip.sim.link import HOLD_MS
 
 from tests.extent import long
 from tests.protocol.spec_page import rows, section

@@ -10,6 +10,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from cogrip.machine.tick_count import TickCount
 from cogrip.protocol import accounts, messages
 from cogrip.protocol.accounts import (
     REASON_BYTES,
@@ -18,7 +19,6 @@ from cogrip.protocol.accounts import (
     PlayoutAccount,
     RoomAccount,
     SeatAccount,
-    TickCount,
 )
 from cogrip.protocol.effects import MOST_POINTS, Effect
 from cogrip.protocol.hand_settings import HandChange, WorkspaceLimit

@@ -14,8 +14,8 @@ import msgspec
 import pytest
 from msgspec.msgpack import Ext
 
+from cogrip.machine.ring import Ring, make_ring
 from cogrip.protocol.io.recording_process import MOST_HELD_BYTES, Task
-from cogrip.protocol.io.ring import Ring, make_ring
 from cogrip.protocol.recording.reader import open_recording
 from cogrip.protocol.recording.records import Event
 from cogrip.protocol.recording.sink import pack

@@ -19,7 +19,7 @@ from cogrip.protocol.recording.reader import MAGIC, Message, Recording, Recordin
 from cogrip.protocol.recording.records import Gap, kind_of
 from cogrip.protocol.recording.recover import Recovered, recover
 from cogrip.protocol.recording.writer import RecordingWriter
-from cogrip.sim.runs.replay.verify import Verdict, verify
+from cogrip.results.replay.verify import Verdict, verify
 
 from tests.extent import every
 

@@ -11,9 +11,9 @@ import tempfile
 from pathlib import Path
 
 from cogrip.protocol.settings import resolve
-from cogrip.sim.runs.laboratory_run import run_laboratory
-from cogrip.sim.runs.records import open_run
-from cogrip.sim.runs.replay.verify import verify
+from cogrip.results.laboratory_run import run_laboratory
+from cogrip.results.records import open_run
+from cogrip.results.replay.verify import verify
 
 HERE = Path(__file__).resolve().parent
 KEPT = (".mcap", "summary.json", "settings.json")

@@ -8,8 +8,8 @@ from itertools import count
 
 import msgspec
 
+from cogrip.machine.tick_count import TickCount
 from cogrip.protocol import messages
-from cogrip.protocol.accounts import TickCount
 from cogrip.protocol.line.sender import LineSender
 from cogrip.protocol.messages import Hello, Leave, Stamp, Welcome
 from cogrip.protocol.recording.records import Input

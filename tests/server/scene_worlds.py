@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from cogrip.cli.session.settings_file import load
+from cogrip.cli.settings.settings_file import load
 from cogrip.protocol.settings import resolve, seat_settings
 from cogrip.server.schemes import make_scene_world
 from cogrip.server.worlds.scene import SceneWorld

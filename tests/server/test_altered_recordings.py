@@ -11,8 +11,8 @@ from cogrip.client.inputs import Leave, Poll
 from cogrip.protocol.recording.reader import RecordingError
 from cogrip.protocol.recording.records import Datagram, Input, kind_of
 from cogrip.protocol.recording.sink import encode
+from cogrip.results.replay.comparison import Difference
 from cogrip.server.inputs import Idle
-from cogrip.sim.runs.replay.comparison import Difference
 
 from tests.client.recorded_person import SCRIPT as CLIENT
 from tests.client.recorded_person import Person

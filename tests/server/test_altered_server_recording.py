@@ -12,8 +12,8 @@ import pytest
 from hypothesis import assume, given
 from hypothesis import strategies as st
 
+from cogrip.machine.tick_count import TickCount
 from cogrip.protocol import messages
-from cogrip.protocol.accounts import TickCount
 from cogrip.protocol.messages import Waves
 from cogrip.protocol.recording.records import Answer, Datagram, Input, Step
 from cogrip.protocol.recording.sink import encode

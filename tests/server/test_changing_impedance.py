@@ -15,7 +15,7 @@ from cogrip.server.schemes import make_world
 from cogrip.server.seat_limits import SeatLimits
 from cogrip.server.wave_port import WavePort
 from cogrip.server.worlds.world import World
-from cogrip.sim.session.laboratory import Laboratory
+from cogrip.sim.laboratory import Laboratory
 
 from tests.extent import long
 from tests.interpreted import needs_interpreted

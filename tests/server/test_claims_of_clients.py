@@ -1,6 +1,7 @@
 """A client's own word decides nothing at the server: what it measured stays, and what is old moves nobody."""
 
-from cogrip.protocol.accounts import ClientAccount, LinkCount, Percentiles, SeatAccount, TickCount
+from cogrip.machine.tick_count import Percentiles, TickCount
+from cogrip.protocol.accounts import ClientAccount, LinkCount, SeatAccount
 from cogrip.protocol.messages import Stamp, State, Waves
 from cogrip.protocol.settings import resolve, seat_settings
 from cogrip.server.participants import MOST_EARLIER, Seat

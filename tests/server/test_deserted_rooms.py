@@ -8,8 +8,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from cogrip.protocol.io.pacing import Pacer
-from cogrip.protocol.io.stop import Stop
+from cogrip.machine.pacing import Pacer
+from cogrip.machine.stop import Stop
 from cogrip.protocol.recording.records import Input
 from cogrip.protocol.session import LOST_NS
 from cogrip.server import inputs

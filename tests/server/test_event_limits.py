@@ -4,7 +4,7 @@ import time
 
 import pytest
 
-from cogrip.protocol.io.stop import Stop
+from cogrip.machine.stop import Stop
 from cogrip.server.admission import AdmissionServices
 from cogrip.server.core import ServerCore
 from cogrip.server.events import EVENTS, UNAUTHENTICATED_EVENTS, ServerEvent

@@ -7,8 +7,8 @@ from pathlib import Path
 import pytest
 
 from cogrip.cli.session.network_rate import RateChoices, stated
-from cogrip.cli.session.settings_file import load
-from cogrip.cli.session.shipped_settings import shipped_scene
+from cogrip.cli.settings.settings_file import load
+from cogrip.cli.settings.shipped_settings import shipped_scene
 from cogrip.protocol.network_rate import OUTSIDE_S, PERSON_S, RATES_HZ, SERVER_SHARE, RateChoice
 from cogrip.protocol.settings import Settings, best_network_hz, for_remote_clients, resolve
 from cogrip.server import frame_cost as module

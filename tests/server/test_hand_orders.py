@@ -4,8 +4,8 @@ from pathlib import Path
 
 import pytest
 
+from cogrip.machine.stop import Stop
 from cogrip.protocol.hand_settings import parsed
-from cogrip.protocol.io.stop import Stop
 from cogrip.protocol.settings import resolve
 from cogrip.server.checkpoint import decode
 from cogrip.server.inputs import SetHand as HandSet
@@ -17,7 +17,7 @@ from cogrip.server.io.state_folder import make_folder
 from cogrip.server.loop import LiveServer
 from cogrip.server.rate_limit import RateLimiter
 from cogrip.server.unencrypted_channel import UnencryptedListener
-from cogrip.sim.session.laboratory import Laboratory
+from cogrip.sim.laboratory import Laboratory
 
 
 @pytest.fixture

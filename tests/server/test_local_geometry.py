@@ -5,12 +5,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from cogrip.cli.session.settings_file import load
-from cogrip.cli.session.shipped_settings import shipped_scene
+from cogrip.analysis.scene_advice import scene_findings
+from cogrip.cli.settings.settings_file import load
+from cogrip.cli.settings.shipped_settings import shipped_scene
 from cogrip.protocol.settings import Settings, resolve
 from cogrip.server.worlds.local_geometry import MOST_LOCAL, LocalGeometry
 from cogrip.server.worlds.local_scene import LocalScene
-from cogrip.sim.analysis.scene_advice import scene_findings
 
 from tests.server.local_worlds import join_all, local_world, report
 

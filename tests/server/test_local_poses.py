@@ -110,7 +110,9 @@ def test_places_are_absorbed_while_the_tool_is_clear_and_turning_is_played() -> 
     state = (0.0,) * 6 + (0.01, 0.0, 0.0, 0.0, 0.0, 0.1) + (0.0, 0.0, 0.1) + (0.008, 0.0, 0.0)
     for number in range(5):
         assert port.receive(up(number, wave, state), number)
-        assert port.pop(1) == pytest.approx((0.0, 0.0, 0.0, *wave[3:]), rel=0.01)
+        assert port.pop(1) == pytest.approx(
+            (0.0, 0.0, 0.0, *wave[3:]), rel=0.02
+        )  # with what compensates the first frame
         port.push((0.0,) * 6)
         port.message(1, Clock(), number + 1, (0.0,) * 12, 0.0)
     assert port.absorbed_j == pytest.approx(5 * 0.5 * T * (0.09 + 0.04), rel=0.01)
@@ -122,7 +124,7 @@ def test_places_are_absorbed_while_the_tool_is_clear_and_turning_is_played() -> 
         port.message(1, Clock(), 100, (0.0,) * 12 + engaged, 0.0)
         assert port.receive(up(number, wave, state, heard_ns=100 if number > 5 else 0), number)
         played = wave if number > 5 else (0.0, 0.0, 0.0, *wave[3:])  # of before it was known: absorbed
-        assert port.pop(1) == pytest.approx(played, rel=0.01)
+        assert port.pop(1) == pytest.approx(played, rel=0.02)
         port.push((0.0,) * 6)
 
 

@@ -6,7 +6,7 @@ import msgspec
 import numpy as np
 import pytest
 
-from cogrip.cli.session.shipped_settings import shipped_scene
+from cogrip.cli.settings.shipped_settings import shipped_scene
 from cogrip.protocol import messages
 from cogrip.protocol.line.sender import LineSender
 from cogrip.protocol.messages import Geom, Stamp, Waves

@@ -9,9 +9,9 @@ import pytest
 from prometheus_client import generate_latest
 from prometheus_client.parser import text_string_to_metric_families
 
+from cogrip.machine.histogram import DurationHistogram
+from cogrip.machine.pacing import Pacer
 from cogrip.protocol.accounts import LinkCount
-from cogrip.protocol.histogram import DurationHistogram
-from cogrip.protocol.io.pacing import Pacer
 from cogrip.protocol.messages import Stamp, Waves
 from cogrip.protocol.settings import resolve
 from cogrip.server.io.metrics_families import families

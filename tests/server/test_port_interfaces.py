@@ -2,7 +2,7 @@
 
 import pytest
 
-from cogrip.protocol.io.compiled_files import form
+from cogrip.machine.compiled_files import form
 from cogrip.protocol.line.jitter_buffer import AdaptiveJitterBuffer, FixedJitterBuffer, JitterBuffer
 from cogrip.server.port import Port
 from cogrip.server.schemes import SCHEMES

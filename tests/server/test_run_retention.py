@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from cogrip.protocol.io.platform import system
+from cogrip.machine.platform import system
 from cogrip.server.io.run_retention import DAY_S, LOCK, Run, RunRetention, mark_run, runs_below, to_remove
 
 NOW_S = 1_800_000_000.0

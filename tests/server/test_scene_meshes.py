@@ -12,6 +12,7 @@ import pytest
 from scipy.spatial import ConvexHull, cKDTree
 from scipy.spatial.transform import Rotation
 
+from cogrip.analysis.scene_advice import scene_findings
 from cogrip.protocol.drawing import Shape
 from cogrip.protocol.messages import MAX_MESSAGE_BYTES, Geom, encode
 from cogrip.protocol.settings import resolve
@@ -20,7 +21,6 @@ from cogrip.server.worlds.scene_file import Held, load_scene
 from cogrip.server.worlds.scene_shapes import shapes_of
 from cogrip.server.worlds.scene_surfaces import MOST_SCENE_TRIANGLES
 from cogrip.server.worlds.scene_text import MOST_FILE_BYTES, SceneError
-from cogrip.sim.analysis.scene_advice import scene_findings
 
 from tests.server.scene_worlds import world_of
 

@@ -6,20 +6,20 @@ from typing import Any
 import numpy as np
 import pytest
 
+from cogrip.analysis.scene_advice import scene_findings
 from cogrip.protocol.recording.reader import open_recording
 from cogrip.protocol.settings import Settings, resolve, seat_settings
+from cogrip.results.columns import layout_of
+from cogrip.results.folder import SERVER_RECORDING
+from cogrip.results.laboratory_run import run_laboratory
+from cogrip.results.records import End
+from cogrip.results.replay.verify import verify
+from cogrip.results.traces import trace_of
+from cogrip.results.verdict_text import verdict
 from cogrip.server.schemes import make_scene_world
 from cogrip.server.worlds.scene import SceneWorld
 from cogrip.server.worlds.scene_file import SceneAccount, account_of
 from cogrip.server.worlds.scene_text import SceneError
-from cogrip.sim.analysis.scene_advice import scene_findings
-from cogrip.sim.runs.columns import layout_of
-from cogrip.sim.runs.folder import SERVER_RECORDING
-from cogrip.sim.runs.laboratory_run import run_laboratory
-from cogrip.sim.runs.records import End
-from cogrip.sim.runs.replay.verify import verify
-from cogrip.sim.runs.traces import trace_of
-from cogrip.sim.runs.verdict_text import verdict
 
 SCENE = """<mujoco>
   <default><joint damping=".5" armature=".01"/></default>

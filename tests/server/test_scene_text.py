@@ -10,13 +10,13 @@ import pytest
 
 from cogrip.protocol.recording.reader import RecordingError, open_recording
 from cogrip.protocol.settings import resolve
+from cogrip.results.folder import SERVER_RECORDING
+from cogrip.results.laboratory_run import run_laboratory
+from cogrip.results.replay.verify import verify
 from cogrip.server.worlds import scene_text
 from cogrip.server.worlds.scene_file import Held, load_scene
 from cogrip.server.worlds.scene_text import SceneError, read_scene
-from cogrip.sim.runs.folder import SERVER_RECORDING
-from cogrip.sim.runs.laboratory_run import run_laboratory
-from cogrip.sim.runs.replay.verify import verify
-from cogrip.sim.session.input_files import files_read
+from cogrip.sim.input_files import files_read
 
 from tests.server.test_scene_meshes import obj
 

@@ -19,7 +19,7 @@ from cogrip.protocol.settings_digest import digest
 from cogrip.server.admission import AdmissionServices
 from cogrip.server.core import FAREWELL_EVERY_NS, ServerCore
 from cogrip.server.inputs import Stop
-from cogrip.sim.session.laboratory import Laboratory
+from cogrip.sim.laboratory import Laboratory
 
 FRAME_NS = 1_000_000_000 // 128
 

@@ -12,9 +12,9 @@ from types import SimpleNamespace
 import msgspec
 import pytest
 
+from cogrip.machine.stop import Stop
 from cogrip.protocol import messages
 from cogrip.protocol.channel import Address, UnencryptedChannel
-from cogrip.protocol.io.stop import Stop
 from cogrip.protocol.messages import PROTOCOL_VERSION, Hello, Welcome, padded
 from cogrip.protocol.session import refusal
 from cogrip.protocol.settings import seat_settings

@@ -12,7 +12,7 @@ from typing import Any
 
 import pytest
 
-from cogrip.protocol.io.stop import Stop
+from cogrip.machine.stop import Stop
 from cogrip.protocol.messages import padded
 from cogrip.server.admission import AdmissionServices, Grant
 from cogrip.server.core import ServerCore

@@ -3,7 +3,7 @@
 import math
 from collections.abc import Callable
 
-from cogrip.sim.session.laboratory import Laboratory
+from cogrip.sim.laboratory import Laboratory
 
 
 class Felt:

@@ -1,4 +1,4 @@
-"""The impedance that a session of the actual cores renders, measured: the counterpart of `cogrip.sim.analysis.feel`.
+"""The impedance that a session of the actual cores renders, measured: the counterpart of `cogrip.analysis.feel`.
 
 One user's hand swings its device as an even sine, whatever the force; after the ramps are over, velocity and force of every
 tick over whole periods, which are whole frames too, give
@@ -20,7 +20,7 @@ from cogrip.client.safety import NEAR_THERMAL_LIMIT
 from cogrip.devices.device import Capability, Sample
 from cogrip.devices.simulated.hands import SineSettings, directed, sine_course
 from cogrip.protocol.settings import Settings
-from cogrip.sim.session.laboratory import Laboratory
+from cogrip.sim.laboratory import Laboratory
 
 RAMPS_S = 0.7  # the client's, and the object's if it can pay for it at once
 LONGEST_S = 30.0

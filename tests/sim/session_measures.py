@@ -7,9 +7,9 @@ from typing import Any, TypeVar
 from cogrip.protocol.accounts import ClientAccount
 from cogrip.protocol.recording.reader import open_recording
 from cogrip.protocol.settings import Playout, resolve
-from cogrip.sim.runs.replay.verify import verify
-from cogrip.sim.runs.summary import of_laboratory
-from cogrip.sim.session.laboratory import Laboratory
+from cogrip.results.replay.verify import verify
+from cogrip.results.summary import of_laboratory
+from cogrip.sim.laboratory import Laboratory
 
 FRAME_MS = 1000.0 / 128  # 8 device ticks
 MARGINS = ("up_margin_j", "down_margin_j", "line_margin_j")

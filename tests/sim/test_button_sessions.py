@@ -14,12 +14,12 @@ from cogrip.devices.for_user import make_for
 from cogrip.protocol.handle import MOST_AT_ONCE, Handle
 from cogrip.protocol.messages import Edges, Stamp, encode
 from cogrip.protocol.settings import Settings, resolve
+from cogrip.results.laboratory_run import run_laboratory
+from cogrip.results.records import open_run
 from cogrip.server.observers import _person
 from cogrip.server.rate_limit import limits_for
-from cogrip.sim.runs.laboratory_run import run_laboratory
-from cogrip.sim.runs.records import open_run
-from cogrip.sim.session import laboratory as session_laboratory
-from cogrip.sim.session.laboratory import Laboratory
+from cogrip.sim import laboratory as session_laboratory
+from cogrip.sim.laboratory import Laboratory
 
 from tests.extent import long
 from tests.sim.session_measures import assert_plays_again, run_frames

@@ -6,9 +6,9 @@ from pathlib import Path
 import pytest
 
 from cogrip.protocol.settings import resolve
-from cogrip.sim.runs.laboratory_run import run_laboratory
-from cogrip.sim.session.delay_trace import LOST_NS, DelayTrace, TraceError, read_trace
-from cogrip.sim.session.link import LinkEmulator
+from cogrip.results.laboratory_run import run_laboratory
+from cogrip.sim.delay_trace import LOST_NS, DelayTrace, TraceError, read_trace
+from cogrip.sim.link import LinkEmulator
 
 from tests.sim.test_link import MS, Profile, S, arrivals
 

@@ -18,8 +18,8 @@ from cogrip.devices.device import Device, DeviceError, Sample
 from cogrip.devices.for_user import make_for
 from cogrip.devices.registry import is_input_only, make, stand_ins
 from cogrip.protocol.settings import Settings, resolve
-from cogrip.sim.session import laboratory
-from cogrip.sim.session.laboratory import Laboratory
+from cogrip.sim import laboratory
+from cogrip.sim.laboratory import Laboratory
 
 from tests.extent import every, long
 from tests.sim.session_measures import account_of, by_tick

@@ -16,7 +16,7 @@ import pytest
 from cogrip.devices.emulated.faults import VERBS
 from cogrip.devices.emulated.firmware import JUMP_COUNTS, Firmware
 from cogrip.devices.emulated.inverse_service import IDLE_NS
-from cogrip.sim.session.laboratory import Laboratory, Person
+from cogrip.sim.laboratory import Laboratory, Person
 
 from tests.extent import every, long
 from tests.sim.session_measures import allowed, laboratory_of, run_frames

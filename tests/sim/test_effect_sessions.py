@@ -8,14 +8,14 @@ import msgspec
 import numpy as np
 import pytest
 
-from cogrip.cli.session.shipped_settings import shipped
+from cogrip.cli.settings.shipped_settings import shipped
 from cogrip.client.core import ClientCore
 from cogrip.protocol.effects import LEAST_EVERY_S, MOST_EFFECTS, Effect
 from cogrip.protocol.network_profiles import PROFILES
 from cogrip.protocol.settings import SettingsError, resolve
-from cogrip.sim.runs.summary import of_laboratory
-from cogrip.sim.runs.verdict import judgements
-from cogrip.sim.session.laboratory import Laboratory
+from cogrip.results.summary import of_laboratory
+from cogrip.results.verdict import judgements
+from cogrip.sim.laboratory import Laboratory
 
 from tests.extent import every
 from tests.sim.session_measures import account_of, by_tick, laboratory_of, run_frames

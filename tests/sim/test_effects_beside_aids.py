@@ -6,13 +6,13 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from cogrip.cli.session.shipped_settings import shipped
+from cogrip.cli.settings.shipped_settings import shipped
 from cogrip.devices.device import GRAVITY_MPS2
 from cogrip.protocol.hand_settings import parsed
 from cogrip.protocol.settings import resolve
+from cogrip.results.laboratory_run import run_laboratory
 from cogrip.server.inputs import SetHand
-from cogrip.sim.runs.laboratory_run import run_laboratory
-from cogrip.sim.session.laboratory import Laboratory
+from cogrip.sim.laboratory import Laboratory
 
 from tests.extent import long
 from tests.sim.session_measures import account_of, assert_plays_again, by_tick

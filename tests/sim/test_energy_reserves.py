@@ -13,22 +13,22 @@ from hypothesis import strategies as st
 from rich.console import Console
 
 from cogrip.cli.session.live_views import LiveTable
-from cogrip.cli.session.settings_file import load
+from cogrip.cli.settings.settings_file import load
 from cogrip.protocol.coupling_kinds import COUPLING_KINDS
 from cogrip.protocol.passivity_control import LENT_J
 from cogrip.protocol.settings import Settings, resolve
+from cogrip.results import summary_values
+from cogrip.results.laboratory_run import run_laboratory
+from cogrip.results.plots import compared
+from cogrip.results.plots.energy import energies
+from cogrip.results.summary import of_laboratory
+from cogrip.results.summary_values import seat_sessions
+from cogrip.results.traces import Run, load_run
+from cogrip.results.verdict import passive
 from cogrip.server.inputs import Kick
-from cogrip.sim.runs import summary_values
-from cogrip.sim.runs.laboratory_run import run_laboratory
-from cogrip.sim.runs.plots import compared
-from cogrip.sim.runs.plots.energy import energies
-from cogrip.sim.runs.summary import of_laboratory
-from cogrip.sim.runs.summary_values import seat_sessions
-from cogrip.sim.runs.traces import Run, load_run
-from cogrip.sim.runs.verdict import passive
-from cogrip.sim.session.laboratory import Laboratory
+from cogrip.sim.laboratory import Laboratory
 
-from tests.sim.reported_runs import printed
+from tests.results.reported_runs import printed
 from tests.sim.session_measures import MARGINS, run_frames
 
 LEDGERS = ("up", "down", "line", "device")

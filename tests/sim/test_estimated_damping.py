@@ -11,22 +11,22 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from cogrip.analysis import client_blocks
+from cogrip.analysis.client_blocks import wave_frame
+from cogrip.analysis.delay_budget import budget, total_s
+from cogrip.analysis.feel import conditions, on_wall, reflected, slow_feel
+from cogrip.analysis.lifted_model import LiftedModel
+from cogrip.analysis.linear_session import LinearSession, linear_session, seat_session
+from cogrip.analysis.rigid_motion import Rigid
+from cogrip.analysis.stability import largest_stable, verdict
 from cogrip.client.inputs import DeviceOpened
 from cogrip.client.velocity import MotionObserver, largest_impedance, memory_for
 from cogrip.client.wave_coupling import WaveCoupling
 from cogrip.devices.device import Capability
 from cogrip.devices.registry import make
 from cogrip.protocol.settings import resolve, seat_settings
-from cogrip.sim.analysis import client_blocks
-from cogrip.sim.analysis.client_blocks import wave_frame
-from cogrip.sim.analysis.delay_budget import budget, total_s
-from cogrip.sim.analysis.feel import conditions, on_wall, reflected, slow_feel
-from cogrip.sim.analysis.lifted_model import LiftedModel
-from cogrip.sim.analysis.linear_session import LinearSession, linear_session, seat_session
-from cogrip.sim.analysis.rigid_motion import Rigid
-from cogrip.sim.analysis.stability import largest_stable, verdict
-from cogrip.sim.runs.summary import of_laboratory
-from cogrip.sim.session.laboratory import Laboratory
+from cogrip.results.summary import of_laboratory
+from cogrip.sim.laboratory import Laboratory
 
 from tests.bench.velocity_trial.session import LOOSE, EstimatingPlant
 from tests.docs.pages import page, table

@@ -6,11 +6,11 @@ from typing import Any
 
 import pytest
 
+from cogrip.analysis import felt_probe as felt
+from cogrip.analysis.felt_probe import LAST_S
 from cogrip.protocol.settings import Settings, resolve
-from cogrip.sim.experiments.methods import felt
-from cogrip.sim.experiments.methods.felt import LAST_S
-from cogrip.sim.runs.felt_as_intended import MOST_LENT
-from cogrip.sim.session.laboratory import Laboratory
+from cogrip.results.felt_as_intended import MOST_LENT
+from cogrip.sim.laboratory import Laboratory
 
 from tests.extent import every, long
 from tests.sim.session_measures import MARGINS, allowed, laboratory_of

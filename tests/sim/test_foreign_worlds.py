@@ -5,12 +5,15 @@ from pathlib import Path
 
 import pytest
 
-from cogrip.cli.session.settings_file import load
+from cogrip.cli.settings.settings_file import load
+from cogrip.machine.stop import Stop
 from cogrip.protocol import felt_stiffness, messages
-from cogrip.protocol.io.stop import Stop
 from cogrip.protocol.messages import Farewell, Heartbeat
 from cogrip.protocol.settings import Settings
 from cogrip.protocol.settings_digest import digest
+from cogrip.results.laboratory_run import run_laboratory
+from cogrip.results.summary import of_laboratory
+from cogrip.results.verdict import stable, succeeded
 from cogrip.server.admission import AdmissionServices
 from cogrip.server.checkpoint import CheckpointError, decode, encode
 from cogrip.server.core import ServerCore
@@ -23,10 +26,7 @@ from cogrip.server.unencrypted_channel import UnencryptedListener
 from cogrip.server.worlds.conformance import CHECKS, Subject
 from cogrip.server.worlds.guarded import GuardedWorld
 from cogrip.server.worlds.registry import ALLOWED
-from cogrip.sim.runs.laboratory_run import run_laboratory
-from cogrip.sim.runs.summary import of_laboratory
-from cogrip.sim.runs.verdict import stable, succeeded
-from cogrip.sim.session.laboratory import Laboratory
+from cogrip.sim.laboratory import Laboratory
 
 from tests.extent import every, long
 from tests.sim.session_measures import assert_plays_again, least_margin, run_frames

@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 from cogrip.protocol.felt_stiffness import felt_stiffness, line_compliance
 from cogrip.protocol.line.delays import line_delay
 from cogrip.protocol.settings import seat_settings
-from cogrip.sim.session.laboratory import Laboratory
+from cogrip.sim.laboratory import Laboratory
 
 from tests.extent import every
 from tests.sim.session_measures import account_of, by_frame, laboratory_of

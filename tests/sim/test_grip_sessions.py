@@ -11,11 +11,11 @@ from hypothesis import strategies as st
 from cogrip.protocol.line.concealment import held_force
 from cogrip.protocol.network_profiles import PROFILES
 from cogrip.protocol.settings import SettingsError, resolve
-from cogrip.sim.runs.felt_as_intended import MOST_CONTROLLED
-from cogrip.sim.runs.laboratory_run import run_laboratory
-from cogrip.sim.runs.report.tables import people_table
-from cogrip.sim.runs.summary import of_laboratory
-from cogrip.sim.session.laboratory import Laboratory
+from cogrip.results.felt_as_intended import MOST_CONTROLLED
+from cogrip.results.laboratory_run import run_laboratory
+from cogrip.results.report.tables import people_table
+from cogrip.results.summary import of_laboratory
+from cogrip.sim.laboratory import Laboratory
 
 from tests.extent import every, long
 from tests.sim.session_measures import assert_plays_again, by_frame, by_tick, laboratory_of, least_margin

@@ -10,8 +10,8 @@ import pytest
 
 from cogrip.client.force_limits import SOFT_SLOPE_NPS
 from cogrip.protocol.settings import resolve
-from cogrip.sim.runs.laboratory_run import run_laboratory
-from cogrip.sim.session.laboratory import Laboratory
+from cogrip.results.laboratory_run import run_laboratory
+from cogrip.sim.laboratory import Laboratory
 
 from tests.extent import long
 from tests.sim.session_measures import MARGINS, account_of, assert_plays_again, by_tick

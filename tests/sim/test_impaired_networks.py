@@ -6,7 +6,7 @@ from typing import Any
 import pytest
 
 from cogrip.devices.registry import make
-from cogrip.sim.experiments.experiment import Result, run_case
+from cogrip.experiments.experiment import Result, run_case
 
 from tests.bench.__main__ import main as bench
 from tests.bench.impaired_network.case import Job, Pushes, growth, measure_case, radius

@@ -10,9 +10,9 @@ from hypothesis import strategies as st
 from msgspec.structs import replace
 
 from cogrip.protocol.link_profile import LinkProfile as Profile
-from cogrip.sim.session import link
-from cogrip.sim.session.link import LinkEmulator, fates
-from cogrip.sim.session.outages import NEVER_NS, Outages
+from cogrip.sim import link
+from cogrip.sim.link import LinkEmulator, fates
+from cogrip.sim.outages import NEVER_NS, Outages
 
 MS, S = 1_000_000, 1_000_000_000
 ROUGH = Profile(delay_ms=40, jitter_ms=20, loss=0.3, burst_frames=4, duplicate=0.1, reorder=0.1, rate_kbps=400)

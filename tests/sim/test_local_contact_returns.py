@@ -9,9 +9,9 @@ import pytest
 from cogrip.client.inputs import DeviceFailed, Rearm
 from cogrip.client.local_contact import LENT_J, MOST_SAVED_J, LocalCoupling
 from cogrip.client.local_poses import LocalPoses
-from cogrip.sim.runs.summary import of_laboratory
-from cogrip.sim.runs.verdict import felt
-from cogrip.sim.session.laboratory import Laboratory
+from cogrip.results.summary import of_laboratory
+from cogrip.results.verdict import felt
+from cogrip.sim.laboratory import Laboratory
 
 from tests.extent import long
 from tests.sim.session_measures import account_of, by_tick, laboratory_of

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from msgspec.structs import replace
 
-from cogrip.cli.session.shipped_settings import shipped_scene
+from cogrip.cli.settings.shipped_settings import shipped_scene
 from cogrip.client.local_contact import LENT_J, MOST_SAVED_J
 from cogrip.protocol.messages import Geom, Waves, decode
 from cogrip.protocol.network_profiles import PROFILES
@@ -17,14 +17,14 @@ from cogrip.protocol.recording.reader import open_recording
 from cogrip.protocol.recording.records import Datagram
 from cogrip.protocol.rotations import between, exp
 from cogrip.protocol.settings import Settings, resolve
+from cogrip.results.folder import SERVER_RECORDING
+from cogrip.results.laboratory_run import run_laboratory
+from cogrip.results.replay.verify import verify
+from cogrip.results.summary import of_laboratory
+from cogrip.results.verdict import passive
 from cogrip.server.room import Room
 from cogrip.server.worlds.local_scene import LocalScene
-from cogrip.sim.runs.folder import SERVER_RECORDING
-from cogrip.sim.runs.laboratory_run import run_laboratory
-from cogrip.sim.runs.replay.verify import verify
-from cogrip.sim.runs.summary import of_laboratory
-from cogrip.sim.runs.verdict import passive
-from cogrip.sim.session.laboratory import Laboratory
+from cogrip.sim.laboratory import Laboratory
 
 from tests.extent import every, long
 from tests.sim.session_measures import account_of, by_tick, laboratory_of

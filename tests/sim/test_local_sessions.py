@@ -7,12 +7,12 @@ import numpy as np
 import pytest
 from msgspec.structs import replace
 
-from cogrip.cli.session.shipped_settings import shipped, shipped_scene
+from cogrip.cli.settings.shipped_settings import shipped, shipped_scene
 from cogrip.protocol.network_profiles import PROFILES
 from cogrip.protocol.settings import Settings, resolve
-from cogrip.sim.runs.summary import of_laboratory
-from cogrip.sim.runs.verdict import passive
-from cogrip.sim.session.laboratory import Laboratory
+from cogrip.results.summary import of_laboratory
+from cogrip.results.verdict import passive
+from cogrip.sim.laboratory import Laboratory
 
 from tests.extent import every, long
 from tests.sim.session_measures import account_of, by_tick

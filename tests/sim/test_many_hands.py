@@ -10,13 +10,13 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 
-from cogrip.cli.session.settings_file import load
+from cogrip.cli.settings.settings_file import load
 from cogrip.protocol.messages import MAX_MESSAGE_BYTES, VIEWED_SEATS, Stamp, View, encode
 from cogrip.protocol.settings import resolve, seat_settings
+from cogrip.results.summary import of_laboratory
 from cogrip.server.schemes import make_world
 from cogrip.server.worlds.world import World
-from cogrip.sim.runs.summary import of_laboratory
-from cogrip.sim.session.laboratory import Laboratory
+from cogrip.sim.laboratory import Laboratory
 
 from tests.extent import long
 from tests.sim.session_measures import by_tick, laboratory_of, least_margin

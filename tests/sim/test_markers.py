@@ -9,19 +9,19 @@ import pytest
 from cogrip.client.inputs import Mark
 from cogrip.client.loop import LiveClient
 from cogrip.client.markers import MOST_UNANSWERED
-from cogrip.protocol.io.stop import Stop
+from cogrip.machine.stop import Stop
 from cogrip.protocol.link_profile import LinkProfile
 from cogrip.protocol.messages import MARK_BYTES, encode
 from cogrip.protocol.messages import Mark as MarkMessage
 from cogrip.protocol.settings import resolve
 from cogrip.protocol.task import EVERYBODY
+from cogrip.results import laboratory_run
+from cogrip.results.laboratory_run import run_laboratory
+from cogrip.results.records import open_run
 from cogrip.server import inputs
 from cogrip.server.markers import BURST, MOST_TOLD, TOLD_S, Markers
-from cogrip.sim.runs import laboratory_run
-from cogrip.sim.runs.laboratory_run import run_laboratory
-from cogrip.sim.runs.records import open_run
-from cogrip.sim.session.laboratory import Laboratory
-from cogrip.sim.session.link import LinkEmulator
+from cogrip.sim.laboratory import Laboratory
+from cogrip.sim.link import LinkEmulator
 
 from tests.extent import long
 from tests.sim.session_measures import assert_plays_again, run_frames

@@ -13,10 +13,10 @@ from cogrip.protocol.line.delays import line_delay
 from cogrip.protocol.link_profile import LinkProfile
 from cogrip.protocol.rates import Rates
 from cogrip.protocol.settings import Playout
-from cogrip.sim.runs.report.tables import people_table
-from cogrip.sim.runs.summary import of_laboratory
-from cogrip.sim.session.laboratory import Laboratory, Person
-from cogrip.sim.session.link import LinkEmulator
+from cogrip.results.report.tables import people_table
+from cogrip.results.summary import of_laboratory
+from cogrip.sim.laboratory import Laboratory, Person
+from cogrip.sim.link import LinkEmulator
 
 from tests.extent import long
 from tests.sim.session_measures import FRAME_MS, Table, laboratory_of, least_margin

@@ -6,12 +6,12 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from cogrip.analysis.linear_session import ModelError, linear_session
 from cogrip.protocol.coupling_kinds import UNLENT_MJ
 from cogrip.protocol.passivity_control import LENT_J
 from cogrip.protocol.settings import SettingsError, resolve, seat_settings
-from cogrip.sim.analysis.linear_session import ModelError, linear_session
-from cogrip.sim.runs.summary import of_laboratory
-from cogrip.sim.session.laboratory import Laboratory
+from cogrip.results.summary import of_laboratory
+from cogrip.sim.laboratory import Laboratory
 
 from tests.extent import every
 from tests.sim.session_measures import FRAME_MS, run_frames

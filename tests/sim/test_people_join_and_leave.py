@@ -15,7 +15,7 @@ from cogrip.client.force_limits import MOST_SLOPE_NPS, SOFT_SLOPE_NPS
 from cogrip.client.inputs import CloseLedger
 from cogrip.protocol.session import QUIET_NS
 from cogrip.protocol.settings import Settings, resolve
-from cogrip.sim.session.laboratory import Laboratory
+from cogrip.sim.laboratory import Laboratory
 
 from tests.extent import every, long
 from tests.sim.felt_forces import Felt

@@ -15,7 +15,7 @@ from cogrip.protocol.link_profile import Link, LinkProfile
 from cogrip.protocol.network_profiles import ProfileName
 from cogrip.protocol.rates import Rates
 from cogrip.protocol.settings import Playout, resolve
-from cogrip.sim.session.laboratory import Laboratory
+from cogrip.sim.laboratory import Laboratory
 
 from tests.bench.playout_trial import TICKS, Arrivals, arrivals, beaten, best_fixed, fixed_delays, lateness, play, ratio
 from tests.extent import every, long

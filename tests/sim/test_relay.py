@@ -9,9 +9,9 @@ from hypothesis import strategies as st
 from cogrip.protocol.link_profile import Direction, Link
 from cogrip.protocol.network_profiles import PROFILES
 from cogrip.protocol.settings import resolve
-from cogrip.sim.session.laboratory import Laboratory
-from cogrip.sim.session.link import configured_link
-from cogrip.sim.session.relay import KEEPING_BYTES, Relay
+from cogrip.sim.laboratory import Laboratory
+from cogrip.sim.link import configured_link
+from cogrip.sim.relay import KEEPING_BYTES, Relay
 
 MS = 1_000_000
 DIRECTIONS: tuple[Direction, Direction] = ("up", "down")

@@ -6,11 +6,11 @@ import msgspec
 import numpy as np
 import pytest
 
-from cogrip.cli.session.settings_file import load
+from cogrip.cli.settings.settings_file import load
 from cogrip.server.checkpoint import CheckpointError, RoomCheckpoint, decode, encode
 from cogrip.server.room import Room
 from cogrip.server.worlds.scene import SceneWorld
-from cogrip.sim.session.laboratory import Laboratory
+from cogrip.sim.laboratory import Laboratory
 
 LIFT = Path("lift")
 CONFIGS = Path(__file__).resolve().parents[2] / "configs"

@@ -5,10 +5,10 @@ from typing import Any
 
 import pytest
 
+from cogrip.analysis.scene_advice import scene_findings
 from cogrip.protocol.settings import resolve
-from cogrip.sim.analysis.scene_advice import scene_findings
-from cogrip.sim.runs.laboratory_run import run_laboratory
-from cogrip.sim.runs.verdict import felt
+from cogrip.results.laboratory_run import run_laboratory
+from cogrip.results.verdict import felt
 
 SCENE = """
 <mujoco>
@@ -55,7 +55,9 @@ def test_a_box_at_rest_stays_there_whatever_its_scene_asks_of_the_solver(
     assert all(user["peak_force_n"] < 20.0 for user in summary["users"])
     told = [finding.text for finding in scene_findings(settings) if "does not hold" in finding.text]
     assert told == (
-        [f"the scene sets {changed}, which does not hold: contact would create energy with it"] if changed else []
+        [f"the scene sets {changed}, which does not hold: contact that creates no energy is stepped otherwise"]
+        if changed
+        else []
     )
 
 

@@ -5,11 +5,11 @@ from pathlib import Path
 
 import pytest
 
-from cogrip.cli.session.before_run import check_settings
+from cogrip.analysis.scene_pushed import pushed
+from cogrip.cli.settings.before_run import check_settings
 from cogrip.cli.terminal.problem import BadInput
 from cogrip.protocol.settings import Settings, resolve
 from cogrip.server.worlds.scene_pushes import MOST_MADE_J
-from cogrip.sim.analysis.scene_pushed import pushed
 
 from tests.extent import long
 

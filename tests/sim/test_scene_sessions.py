@@ -6,15 +6,15 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from cogrip.cli.session.settings_file import load
+from cogrip.cli.settings.settings_file import load
 from cogrip.protocol.recording.reader import RecordingError, open_recording
+from cogrip.results.folder import SERVER_RECORDING
+from cogrip.results.laboratory_run import run_laboratory
+from cogrip.results.replay.verify import verify
+from cogrip.results.summary import of_laboratory
+from cogrip.results.verdict import succeeded
 from cogrip.server.worlds.scene import SceneWorld
-from cogrip.sim.runs.folder import SERVER_RECORDING
-from cogrip.sim.runs.laboratory_run import run_laboratory
-from cogrip.sim.runs.replay.verify import verify
-from cogrip.sim.runs.summary import of_laboratory
-from cogrip.sim.runs.verdict import succeeded
-from cogrip.sim.session.laboratory import Laboratory
+from cogrip.sim.laboratory import Laboratory
 
 from tests.extent import long
 

@@ -7,9 +7,13 @@ from typing import get_args
 import numpy as np
 import pytest
 
+from cogrip.analysis.advice import INSTEAD, TOO_MUCH
+from cogrip.analysis.lifted_model import KINDS as BLOCKS
+from cogrip.analysis.linear_session import FORMS, Scheme, linear_session, scheme_of, scheme_overrides
 from cogrip.cli.session.joined_device import MOST_ADVISED_FRAMES
-from cogrip.cli.session.shipped_settings import shipped_scene
+from cogrip.cli.settings.shipped_settings import shipped_scene
 from cogrip.client import schemes as client_schemes
+from cogrip.experiments.methods.method import METHODS
 from cogrip.protocol.coupling_kinds import COUPLING_KINDS
 from cogrip.protocol.messages import Frame, Waves
 from cogrip.protocol.object_kinds import KINDS as OBJECT_KINDS
@@ -18,10 +22,6 @@ from cogrip.protocol.setting_types import Kind
 from cogrip.protocol.settings import resolve, seat_settings
 from cogrip.server import schemes as server_schemes
 from cogrip.server.worlds.registry import WORLDS
-from cogrip.sim.analysis.advice import INSTEAD, TOO_MUCH
-from cogrip.sim.analysis.lifted_model import KINDS as BLOCKS
-from cogrip.sim.analysis.linear_session import FORMS, Scheme, linear_session, scheme_of, scheme_overrides
-from cogrip.sim.experiments.methods.method import METHODS
 
 ROOT = Path(__file__).parents[2]
 KINDS = get_args(Kind)
@@ -29,8 +29,8 @@ NAMED_IN = {  # modules that may compare a kind with a name: docs/design.md, "Ad
     "cli/cogrip/cli/session/served_rooms.py": "what a warning says",
     "protocol/cogrip/protocol/object_fit.py": "grippers and worlds of others: of waves alone, until a kind is named there",
     "protocol/cogrip/protocol/settings.py": "the paper's server step, which is one of waves",
-    "sim/cogrip/sim/analysis/advice.py": "what advice says of passivity",
-    "sim/cogrip/sim/analysis/linear_session.py": "`scheme_of`, of which mypy asks for every kind",
+    "analysis/cogrip/analysis/advice.py": "what advice says of passivity",
+    "analysis/cogrip/analysis/linear_session.py": "`scheme_of`, of which mypy asks for every kind",
 }
 
 
@@ -59,7 +59,19 @@ def test_a_kind_is_named_in_tables_alone() -> None:
     asked = re.compile(rf'\bkind (?:[!=]= |in [(\[{{](?:"\w*", ?)*){name}|\{{{name}:[^\n]*\}}\.get\(')
     found = {
         str(path.relative_to(ROOT))
-        for package in ("protocol", "client", "server", "sim", "view", "api", "cli")
+        for package in (
+            "machine",
+            "protocol",
+            "client",
+            "server",
+            "sim",
+            "results",
+            "analysis",
+            "experiments",
+            "view",
+            "api",
+            "cli",
+        )
         for path in (ROOT / package).rglob("*.py")
         if asked.search(path.read_text())
     }

@@ -10,11 +10,11 @@ from typing import Any
 import numpy as np
 import pytest
 
+from cogrip.analysis.lifted_model import LiftedModel
+from cogrip.analysis.linear_session import linear_session, scheme_overrides
+from cogrip.analysis.stability import largest_stable, verdict
 from cogrip.protocol.settings import Settings, resolve
-from cogrip.sim.analysis.lifted_model import LiftedModel
-from cogrip.sim.analysis.linear_session import linear_session, scheme_overrides
-from cogrip.sim.analysis.stability import largest_stable, verdict
-from cogrip.sim.session.laboratory import Laboratory
+from cogrip.sim.laboratory import Laboratory
 
 from tests.extent import every
 from tests.sim.session_measures import FRAME_MS

@@ -8,9 +8,9 @@ from typing import Any
 import numpy as np
 import pytest
 
+from cogrip.analysis.feel import alone, held, impedance, no_contact, on_wall, slow_feel
+from cogrip.analysis.linear_session import LinearSession, linear_session, scheme_overrides
 from cogrip.protocol.settings import Settings, resolve
-from cogrip.sim.analysis.feel import alone, held, impedance, no_contact, on_wall, slow_feel
-from cogrip.sim.analysis.linear_session import LinearSession, linear_session, scheme_overrides
 
 from tests.extent import every
 from tests.sim.measured_impedance import measure, static_stiffness

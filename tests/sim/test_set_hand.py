@@ -17,13 +17,13 @@ from cogrip.protocol.hand_settings import UNCHANGED, parsed
 from cogrip.protocol.messages import SetHand as Message
 from cogrip.protocol.messages import encode
 from cogrip.protocol.settings import resolve
+from cogrip.results.laboratory_run import run_laboratory
+from cogrip.results.records import open_run
+from cogrip.results.replay.verify import verify
 from cogrip.server.checkpoint import decode as decode_checkpoint
 from cogrip.server.checkpoint import encode as encode_checkpoint
 from cogrip.server.inputs import SetHand
-from cogrip.sim.runs.laboratory_run import run_laboratory
-from cogrip.sim.runs.records import open_run
-from cogrip.sim.runs.replay.verify import verify
-from cogrip.sim.session.laboratory import Laboratory
+from cogrip.sim.laboratory import Laboratory
 
 from tests.extent import long
 from tests.sim.felt_forces import Felt

@@ -4,11 +4,11 @@ from typing import Any
 
 import pytest
 
+from cogrip.analysis.advice import AMPLE, advise
 from cogrip.protocol.settings import Settings, resolve
-from cogrip.sim.analysis.advice import AMPLE, advise
-from cogrip.sim.runs.summary import of_laboratory
-from cogrip.sim.runs.verdict import passive, stable
-from cogrip.sim.session.laboratory import Laboratory
+from cogrip.results.summary import of_laboratory
+from cogrip.results.verdict import passive, stable
+from cogrip.sim.laboratory import Laboratory
 
 
 def wall(stiffness_npm: float, damping_nspm: float, push_n: float, device: str = "sim:ideal") -> Settings:

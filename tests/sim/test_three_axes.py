@@ -4,9 +4,9 @@ from pathlib import Path
 
 import pytest
 
-from cogrip.cli.session.settings_file import load
+from cogrip.cli.settings.settings_file import load
 from cogrip.protocol.recording.sink import Held
-from cogrip.sim.session.laboratory import Laboratory
+from cogrip.sim.laboratory import Laboratory
 
 from tests.extent import long
 from tests.interpreted import needs_interpreted, source_of

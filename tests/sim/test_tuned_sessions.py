@@ -10,18 +10,18 @@ from msgspec import to_builtins
 from msgspec.structs import replace
 
 from cogrip.client.wave_coupling import WaveCoupling
+from cogrip.experiments.methods.case import run_session
+from cogrip.experiments.methods.measures import swing_n
+from cogrip.experiments.methods.method import session_settings
 from cogrip.protocol.coupling_settings import LineTuning
 from cogrip.protocol.line_tuning import Tuning, tuning
 from cogrip.protocol.network_profiles import PROFILES
 from cogrip.protocol.recording.reader import open_recording
 from cogrip.protocol.settings import resolve
-from cogrip.sim.experiments.methods.case import run_session
-from cogrip.sim.experiments.methods.measures import swing_n
-from cogrip.sim.experiments.methods.method import session_settings
-from cogrip.sim.runs.laboratory_run import run_laboratory
-from cogrip.sim.runs.replay.verify import verify
-from cogrip.sim.runs.summary import of_laboratory
-from cogrip.sim.session.laboratory import Laboratory
+from cogrip.results.laboratory_run import run_laboratory
+from cogrip.results.replay.verify import verify
+from cogrip.results.summary import of_laboratory
+from cogrip.sim.laboratory import Laboratory
 
 from tests.extent import every, long
 from tests.sim.session_measures import least_margin, summary_of

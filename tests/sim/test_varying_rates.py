@@ -11,21 +11,21 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from cogrip.analysis.feel import held, impedance
+from cogrip.analysis.lifted_model import LiftedModel
+from cogrip.analysis.linear_session import linear_session
+from cogrip.analysis.stability import verdict
 from cogrip.protocol.felt_stiffness import felt_stiffness, line_compliance
 from cogrip.protocol.rates import due_ns
 from cogrip.protocol.recording.reader import open_recording
 from cogrip.protocol.settings import resolve, seat_settings
 from cogrip.protocol.settings_digest import digest
-from cogrip.sim.analysis.feel import held, impedance
-from cogrip.sim.analysis.lifted_model import LiftedModel
-from cogrip.sim.analysis.linear_session import linear_session
-from cogrip.sim.analysis.stability import verdict
-from cogrip.sim.runs.laboratory_run import run_laboratory
-from cogrip.sim.runs.records import open_run
-from cogrip.sim.runs.replay.verify import verify
-from cogrip.sim.runs.replay.what_if import what_if
-from cogrip.sim.runs.summary import of_laboratory
-from cogrip.sim.session.laboratory import Laboratory, moments_of
+from cogrip.results.laboratory_run import run_laboratory
+from cogrip.results.records import open_run
+from cogrip.results.replay.verify import verify
+from cogrip.results.replay.what_if import what_if
+from cogrip.results.summary import of_laboratory
+from cogrip.sim.laboratory import Laboratory, moments_of
 
 from tests.extent import long
 from tests.sim.felt_forces import Felt

@@ -11,8 +11,8 @@ import pytest
 from cogrip.devices.web.device import WebDevice
 from cogrip.devices.web.hand import RELEASE_S, SILENCE_S
 from cogrip.protocol.settings import resolve
-from cogrip.sim.runs.summary import of_laboratory
-from cogrip.sim.session.laboratory import Laboratory
+from cogrip.results.summary import of_laboratory
+from cogrip.sim.laboratory import Laboratory
 
 from tests.extent import every
 from tests.sim.session_measures import least_margin

@@ -4,17 +4,9 @@ from typing import Any
 
 from msgspec.structs import replace
 
-from cogrip.protocol.accounts import (
-    ClientAccount,
-    DeviceAccount,
-    LinkCount,
-    Percentiles,
-    PlayoutAccount,
-    RoomAccount,
-    SeatAccount,
-    TickCount,
-)
-from cogrip.sim.runs.summary import UserRecord, summarise
+from cogrip.machine.tick_count import Percentiles, TickCount
+from cogrip.protocol.accounts import ClientAccount, DeviceAccount, LinkCount, PlayoutAccount, RoomAccount, SeatAccount
+from cogrip.results.summary import UserRecord, summarise
 
 CLIENT = ClientAccount(
     position_m=(0.0,), force_n=(1.0,), peak_force_n=2.0, travel_m=0.1, felt_stiffness_npm=None, predicted_stiffness_npm=363.0,

@@ -11,14 +11,14 @@ import msgspec
 import numpy as np
 import pytest
 
-from cogrip.cli.session.settings_file import load
+from cogrip.cli.settings.settings_file import load
 from cogrip.devices.web.messages import FrameError
 from cogrip.protocol.drawing import TILE, Shape, pack_points, pack_triangles
 from cogrip.protocol.messages import Pose, View
 from cogrip.protocol.recording.reader import Message
-from cogrip.sim.runs.laboratory_run import run_laboratory
-from cogrip.sim.runs.records import open_run
-from cogrip.sim.runs.replay.verify import verify
+from cogrip.results.laboratory_run import run_laboratory
+from cogrip.results.records import open_run
+from cogrip.results.replay.verify import verify
 from cogrip.view.frames import BODY_BYTES, decode, decode_chunk, encode, encode_chunk
 from cogrip.view.page import self_contained
 from cogrip.view.recording import ViewError, open_view

@@ -13,7 +13,7 @@ import pytest
 
 from cogrip.cli.session.front_ends import front_ends
 from cogrip.cli.terminal.problem import BadInput
-from cogrip.protocol.io.stop import Stop
+from cogrip.machine.stop import Stop
 from cogrip.view.access import FOXGLOVE, FRONT_ENDS, SOCKET, Access
 from cogrip.view.io.feed import RecordedFeed
 from cogrip.view.io.process import ViewProcess

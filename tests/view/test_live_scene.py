@@ -15,7 +15,7 @@ from cogrip.protocol.session import ClientSession, make_hello
 from cogrip.protocol.settings import resolve
 from cogrip.server.observers import PEOPLE_A_VIEW, VIEWS_HZ
 from cogrip.server.recorder import DATAGRAM_OUT
-from cogrip.sim.session.laboratory import Laboratory
+from cogrip.sim.laboratory import Laboratory
 from cogrip.view import frames
 from cogrip.view.frames import Frame
 from cogrip.view.live import OLD_AFTER, LiveScene

@@ -14,14 +14,14 @@ from rich.console import Console
 
 from cogrip.cli.study.pages import open_page as serve_pages
 from cogrip.cli.study.pages import prompt_of
-from cogrip.sim.experiments.study.questions import MOST_TEXT, Question, items_of
+from cogrip.experiments.study.questions import MOST_TEXT, Question, items_of
 from cogrip.view.frames import encode
 from cogrip.view.hello import MOST_NUMBER, PageError, PanelReply, read_text
 from cogrip.view.io.study_page import StudyPage
 from cogrip.view.panel import Panel, PanelMessage, Prompt, Target
 from cogrip.view.tab import Tab
 
-from tests.sim.studies import PLAIN, parsed
+from tests.experiments.studies import PLAIN, parsed
 from tests.view.browser_page import BrowserPage, Show, Shown
 from tests.view.page_server import PageServer
 from tests.view.pictured import frame, scene

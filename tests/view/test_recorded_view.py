@@ -15,8 +15,8 @@ from cogrip.protocol.recording.reader import Message
 from cogrip.protocol.recording.records import Event, Step
 from cogrip.protocol.recording.sink import encode
 from cogrip.protocol.settings import resolve
+from cogrip.results.records import open_run
 from cogrip.server.recorder import server_topics, start_text
-from cogrip.sim.runs.records import open_run
 from cogrip.view.frames import HAND_KNOWN, Frame, decode_chunk
 from cogrip.view.recorded_events import client_event, server_event
 from cogrip.view.recording import CHUNK_S, ViewError, open_view

@@ -2,7 +2,7 @@
 
 import pytest
 
-from cogrip.sim.runs.report.page import write_report
+from cogrip.results.report.page import write_report
 
 from tests.view.browser_page import BrowserPage, Open
 from tests.view.recorded_runs import recorded_run

@@ -9,8 +9,8 @@ from pathlib import Path
 
 import pytest
 
-from cogrip.sim.experiments.study.journal import read_answers, read_trials
-from cogrip.sim.runs.measures.columns import read_columns
+from cogrip.experiments.study.journal import read_answers, read_trials
+from cogrip.results.measures.columns import read_columns
 
 from tests.free_ports import free_port
 from tests.live.held_arms import Spoken

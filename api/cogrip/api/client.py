@@ -14,12 +14,12 @@ from cogrip.client.loop import LiveClient
 from cogrip.client.recorder import RecordedClient
 from cogrip.devices.device import Capability, Device, DeviceError, Sample, check_rate
 from cogrip.devices.simulated.ideal import IdealSettings, capability
+from cogrip.machine.stop import Stop
 from cogrip.protocol.accounts import ClientAccount
-from cogrip.protocol.io.stop import Stop
 from cogrip.protocol.session import ClientSession
 from cogrip.protocol.settings import SeatSettings
-from cogrip.sim.runs.folder import client_recording
-from cogrip.sim.session.link import LinkEmulator
+from cogrip.results.folder import client_recording
+from cogrip.sim.link import LinkEmulator
 
 Move = Callable[[float, tuple[float, ...]], Sequence[float]]
 """(time [s], force on the hand [N]) -> position [m], shape (axes,)"""

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 
 from cogrip.client.core import ClientCore
 from cogrip.client.observer import ObserverCore
-from cogrip.sim.session.laboratory import Laboratory
+from cogrip.sim.laboratory import Laboratory
 
 Row = tuple[float, ...]
 

@@ -15,15 +15,15 @@ from cogrip.api.errors import as_api_error
 from cogrip.api.settings import Source, settings
 from cogrip.cli.runs.run_folder import new_run_folder
 from cogrip.protocol.settings import Settings
+from cogrip.results.columns import Array
+from cogrip.results.folder import SETTINGS, SUMMARY
+from cogrip.results.laboratory_run import run_laboratory
+from cogrip.results.records import RunRecords
+from cogrip.results.records import open_run as open_records
+from cogrip.results.report.page import write_report
+from cogrip.results.verdict import succeeded
 from cogrip.server.recorder import WHO, step_topic
-from cogrip.sim.runs.columns import Array
-from cogrip.sim.runs.folder import SETTINGS, SUMMARY
-from cogrip.sim.runs.laboratory_run import run_laboratory
-from cogrip.sim.runs.records import RunRecords
-from cogrip.sim.runs.records import open_run as open_records
-from cogrip.sim.runs.report.page import write_report
-from cogrip.sim.runs.verdict import succeeded
-from cogrip.sim.session.laboratory import Laboratory
+from cogrip.sim.laboratory import Laboratory
 
 OnFrame = Callable[[frames.Frame], None]
 

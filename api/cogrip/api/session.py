@@ -21,9 +21,9 @@ from cogrip.client.io.paths import JoinError, Paths
 from cogrip.client.observer import ObserverCore
 from cogrip.client.observer_loop import LiveObserver
 from cogrip.devices.device import Device
-from cogrip.protocol.io.stop import Stop
+from cogrip.machine.stop import Stop
 from cogrip.protocol.session import ClientSession
-from cogrip.sim.runs.folder import SETTINGS, client_log, write_settings
+from cogrip.results.folder import SETTINGS, client_log, write_settings
 
 SERVER = "server"
 WAIT_S = 0.02

@@ -7,7 +7,7 @@ from typing import Any
 import msgspec
 
 from cogrip.api.errors import as_api_error
-from cogrip.cli.session.settings_file import from_table, load
+from cogrip.cli.settings.settings_file import from_table, load
 from cogrip.protocol.settings import Settings
 
 Source = str | Path | Mapping[str, Any] | Settings

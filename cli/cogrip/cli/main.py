@@ -6,18 +6,19 @@ import sys
 from collections.abc import Sequence
 
 from cyclopts import App, CycloptsError, Group, Parameter
+from rich.console import Console
 
 from cogrip.cli.terminal.commands import Table, add_commands, show_docstrings, shown_default
 from cogrip.cli.terminal.flag_errors import words_of
 from cogrip.cli.terminal.output import make_console
 from cogrip.cli.terminal.platform import use_utf8
 from cogrip.cli.terminal.problem import BadInput, Problem
-from cogrip.cli.terminal.tables import say
+from cogrip.cli.terminal.tables import wrapped
+from cogrip.machine.blas_threads import BLAS_THREADS, SAFE_PATH
+from cogrip.machine.compiled_files import compile_command, outdated
+from cogrip.machine.large_pages import use_large_pages
 from cogrip.protocol.foreign_file import ForeignFileError
-from cogrip.protocol.io.compiled_files import compile_command, outdated
-from cogrip.protocol.io.large_pages import use_large_pages
 from cogrip.protocol.version import VERSION
-from cogrip.sim.blas_threads import BLAS_THREADS, SAFE_PATH
 
 GROUPS: dict[str, Table] = {
     "Session": {
@@ -85,6 +86,11 @@ for _flag in (*app.help_flags, *app.version_flags):
     app[_flag].group = _options
 
 
+def _tell(errors: Console, text: str) -> None:
+    """Print an error: one line, which a terminal has wrapped at its width and between words."""
+    errors.print(wrapped(text, errors) if errors.is_terminal else text, markup=False, soft_wrap=True)
+
+
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run one command: `arguments`, or the process's own.
 
@@ -100,25 +106,25 @@ def main(arguments: Sequence[str] | None = None) -> int:
     errors = make_console(stderr=True, soft_wrap=True)
     given = sys.argv[1:] if arguments is None else arguments
     if given and given[0] in MOVED:
-        say(errors, f"cogrip: {MOVED[given[0]]}")
+        _tell(errors, f"cogrip: {MOVED[given[0]]}")
         return 2
     if [*given[:1]] != ["compile"] and (changed := outdated()):
         command = compile_command()
         cure = f"`{command}` compiles them anew, `{command} --remove` removes what was compiled"
-        say(errors, f"cogrip: what was compiled is not of these sources ({', '.join(changed[:3])}); {cure}")
+        _tell(errors, f"cogrip: what was compiled is not of these sources ({', '.join(changed[:3])}); {cure}")
         return 2
     try:
         show_docstrings(app, given)
         _take_interrupts()
         code = app(arguments, exit_on_error=False, print_error=False, result_action="return_value")
     except CycloptsError as error:
-        say(errors, f"cogrip: {words_of(error, COMMANDS)}")
+        _tell(errors, f"cogrip: {words_of(error, COMMANDS)}")
         return 2
     except Problem as problem:
-        say(errors, f"cogrip: {problem}")
+        _tell(errors, f"cogrip: {problem}")
         return problem.exit_code
     except ForeignFileError as error:
-        say(errors, f"cogrip: {error}")
+        _tell(errors, f"cogrip: {error}")
         return BadInput.exit_code
     except KeyboardInterrupt:
         errors.print("cogrip: interrupted")

@@ -4,7 +4,7 @@ from cogrip.client.hand_changes cimport HandChanges
 from cogrip.client.markers cimport Markers
 from cogrip.client.seated cimport SeatedClient
 from cogrip.devices.sample cimport Sample
-from cogrip.protocol.histogram cimport DurationHistogram
+from cogrip.machine.histogram cimport DurationHistogram
 from cogrip.protocol.session cimport ClientSession
 
 

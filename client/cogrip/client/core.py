@@ -20,8 +20,9 @@ from cogrip.client.seat_account import account_of
 from cogrip.client.seated import MakePort, SeatedClient
 from cogrip.devices.device import Capability
 from cogrip.devices.sample import Sample
-from cogrip.protocol.accounts import ClientAccount, DelayAccount, Percentiles, TickCount
-from cogrip.protocol.histogram import DurationHistogram
+from cogrip.machine.histogram import DurationHistogram
+from cogrip.machine.tick_count import Percentiles, TickCount
+from cogrip.protocol.accounts import ClientAccount, DelayAccount
 from cogrip.protocol.messages import Bodies, Effects, Geom, Hello, Mark, Person, SetHand, Stamp, Waves, encode
 from cogrip.protocol.session import ClientSession
 from cogrip.protocol.settings import SeatSettings

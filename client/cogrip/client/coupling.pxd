@@ -1,6 +1,6 @@
 cimport cython
 
-from cogrip.protocol.addition cimport add_floats
+from cogrip.machine.addition cimport add_floats
 from cogrip.protocol.line.energy_reserve cimport EnergyReserve
 from cogrip.protocol.line.energy_sums cimport CompensatedSum
 

@@ -11,8 +11,8 @@ from math import inf, sqrt
 from typing import Any, Generic, TypeVar
 
 from cogrip.devices.device import Capability
+from cogrip.machine.addition import add_floats
 from cogrip.protocol.accounts import LineAccount, LinkCount, PlayoutAccount
-from cogrip.protocol.addition import add_floats
 from cogrip.protocol.clock import Clock
 from cogrip.protocol.handle import Handle
 from cogrip.protocol.latest_state import StateReceiver

@@ -15,8 +15,8 @@ from collections.abc import Sequence
 import msgspec
 
 from cogrip.client.coupling import Coupling, DelayLine, mean_row
+from cogrip.machine.addition import add_floats
 from cogrip.protocol.accounts import LinkCount, PlayoutAccount
-from cogrip.protocol.addition import add_floats
 from cogrip.protocol.line.energy_sums import CompensatedSum
 
 

@@ -2,7 +2,7 @@
 
 from collections import deque
 
-from cogrip.protocol.addition import add_floats
+from cogrip.machine.addition import add_floats
 
 REST_S = 0.5  # for which frames must agree before a hand is at rest
 STILL_FRACTION = 0.1  # A hand at rest stays within this part of its depth: half of what tells two stiffnesses apart.

@@ -2,7 +2,7 @@ cimport cython
 
 from cogrip.client.row_size cimport change_surely_below
 from cogrip.client.thermal cimport ThermalLimit
-from cogrip.protocol.addition cimport add_floats
+from cogrip.machine.addition cimport add_floats
 
 
 cdef class ForceLimits:

@@ -13,7 +13,7 @@ from cogrip.client.pose_axes import further_axes
 from cogrip.client.row_size import change_surely_below
 from cogrip.client.thermal import ThermalLimit
 from cogrip.devices.device import Capability
-from cogrip.protocol.addition import add_floats
+from cogrip.machine.addition import add_floats
 from cogrip.protocol.setting_types import PLACES
 
 MOST_SLOPE_NPS = 1000.0  # of any force, whatever the record says: 2000 N/m met at 0.5 m/s (docs/security.md)

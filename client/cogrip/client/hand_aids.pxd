@@ -1,6 +1,6 @@
 cimport cython
 
-from cogrip.protocol.addition cimport add_floats
+from cogrip.machine.addition cimport add_floats
 
 
 cdef class HandAids:

@@ -15,7 +15,7 @@ from math import hypot, sqrt
 from cogrip.client.coupling import DelayLine, Row, mean_row, spring_j
 from cogrip.client.velocity import largest_impedance
 from cogrip.devices.device import GRAVITY_MPS2, Capability
-from cogrip.protocol.addition import add_floats
+from cogrip.machine.addition import add_floats
 from cogrip.protocol.hand_settings import HandChange, WorkspaceLimit
 from cogrip.protocol.setting_types import PLACES
 

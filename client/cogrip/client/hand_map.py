@@ -15,7 +15,7 @@ from dataclasses import replace
 
 from cogrip.client.velocity import largest_impedance
 from cogrip.devices.device import Capability
-from cogrip.protocol.addition import add_floats
+from cogrip.machine.addition import add_floats
 from cogrip.protocol.rotations import UNTURNED, Quaternion, exp, inverse, log, product, turned
 from cogrip.protocol.setting_types import PLACES, POSE_AXES
 from cogrip.protocol.tool_frame import ToolFrame

@@ -8,7 +8,7 @@ import re
 import msgspec
 
 from cogrip.devices.device import Capability, DeviceError
-from cogrip.protocol.accounts import TickCount
+from cogrip.machine.tick_count import TickCount
 from cogrip.protocol.hand_settings import HandChange
 
 

@@ -29,7 +29,7 @@ from cogrip.client.force_limits import MOST_SLOPE_NPS
 from cogrip.client.velocity import largest_impedance
 from cogrip.client.wave_coupling import WaveCoupling
 from cogrip.devices.device import Capability
-from cogrip.protocol.addition import add_floats
+from cogrip.machine.addition import add_floats
 from cogrip.protocol.clock import Clock
 from cogrip.protocol.handle import Handle
 from cogrip.protocol.line.energy_sums import CompensatedSum

@@ -4,7 +4,7 @@ from cogrip.client.io.exchange cimport Exchange
 from cogrip.client.recorder cimport RecordedClient
 from cogrip.client.safety cimport Safety
 from cogrip.client.supervised_device cimport SupervisedDevice
-from cogrip.protocol.io.pacing cimport Pacer
+from cogrip.machine.pacing cimport Pacer
 from cogrip.protocol.session cimport ClientSession
 
 

@@ -21,13 +21,14 @@ from cogrip.client.waiting_hand import WaitingHand
 from cogrip.devices.device import Capability, Device, DeviceError
 from cogrip.devices.for_user import first_axes
 from cogrip.devices.simulated.device import SimulatedDevice
-from cogrip.protocol.accounts import ClientAccount, TickCount
+from cogrip.machine import pacing
+from cogrip.machine.platform import system, time
+from cogrip.machine.realtime import NAMES, Measure, engage, processor_wait, release
+from cogrip.machine.stop import Stop
+from cogrip.machine.tick_count import TickCount
+from cogrip.protocol.accounts import ClientAccount
 from cogrip.protocol.hand_settings import parsed, unfit
-from cogrip.protocol.io import pacing
-from cogrip.protocol.io.platform import system, time
-from cogrip.protocol.io.realtime import NAMES, Measure, engage, processor_wait, release
 from cogrip.protocol.io.recorder import Recorder, open_recorder
-from cogrip.protocol.io.stop import Stop
 from cogrip.protocol.link_profile import LinkProfile
 from cogrip.protocol.messages import Farewell, Hello
 from cogrip.protocol.recording.header import Header, versions_here

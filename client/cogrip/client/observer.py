@@ -5,8 +5,8 @@ from collections import deque
 from cogrip.client.inputs import Connect, Leave, Poll, Reached, SessionInput
 from cogrip.client.markers import Markers
 from cogrip.client.observed_scene import ObservedScene
+from cogrip.machine.histogram import DurationHistogram
 from cogrip.protocol.effects import Effect
-from cogrip.protocol.histogram import DurationHistogram
 from cogrip.protocol.messages import Bodies, Effects, Geom, Mark, Person, View
 from cogrip.protocol.session import ClientSession
 

@@ -7,8 +7,8 @@ from select import select
 from cogrip.client.inputs import Leave, Poll, Reached
 from cogrip.client.io.paths import POLL_S, Paths, session_change
 from cogrip.client.observer import ObserverCore
-from cogrip.protocol.io.platform import time
-from cogrip.protocol.io.stop import Stop
+from cogrip.machine.platform import time
+from cogrip.machine.stop import Stop
 
 SHOW_S = 0.02
 

@@ -21,7 +21,7 @@ from collections.abc import Sequence
 from math import inf
 
 from cogrip.client.coupling import LatestStateCoupling, PortEnergy, Row
-from cogrip.protocol.addition import add_floats
+from cogrip.machine.addition import add_floats
 from cogrip.protocol.clock import Clock
 from cogrip.protocol.handle import Handle
 from cogrip.protocol.line.energy_reserve import EnergyReserve

@@ -15,7 +15,7 @@ from math import hypot, isfinite
 from typing import NamedTuple
 
 from cogrip.devices.device import Capability, Sample
-from cogrip.protocol.addition import add_floats
+from cogrip.machine.addition import add_floats
 from cogrip.protocol.rotations import UNTURNED, between, exp, log, product
 from cogrip.protocol.setting_types import PLACES
 

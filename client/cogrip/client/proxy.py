@@ -14,7 +14,7 @@ from itertools import combinations
 from math import dist, hypot, inf, sqrt
 
 from cogrip.client.fixed_shapes import FixedShape, Vector
-from cogrip.protocol.addition import add_floats
+from cogrip.machine.addition import add_floats
 
 ROUNDS = 12  # in which the planes that hold the proxy are found
 TOUCHING_M = 1e-9  # by which a plane may be in the way

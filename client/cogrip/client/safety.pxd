@@ -2,7 +2,7 @@ cimport cython
 
 from cogrip.client.force_limits cimport ForceLimits
 from cogrip.client.row_size cimport surely_below
-from cogrip.protocol.addition cimport add_floats
+from cogrip.machine.addition cimport add_floats
 
 
 cdef class Safety:

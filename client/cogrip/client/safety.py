@@ -4,11 +4,13 @@
     live --clutch--> clutched --engage--> live    clutched --stale--> degraded
     any but idle --fail--> fault (latched until --rearm--> armed)          any --stop--> idle
 
-Only `live` lets force through. On entry to `live` the force is ramped in over RAMP_IN_S; on leaving it is ramped out over
-RAMP_OUT_S, after a fault over FAULT_OUT_S. The force is clamped to the device's peak keeping its direction, as its motors
-warm to its continuous force (`thermal`); its change is clamped to the device's slope, never above MOST_SLOPE_NPS; where
-waves are missing to SOFT_SLOPE_NPS, because a law without its wave jumps (`force_limits`). Torque, and the force of a gripper,
-have limits of their own. The energy ledger counts the forces after these limits (docs/decisions/0004-leaks.md).
+A seat is idle until its device is open, calibrating until the device has given a first sample, at which the line begins, and
+armed until the next force is made. Only `live` lets force through. On entry to `live` the force is ramped in over RAMP_IN_S;
+on leaving it is ramped out over RAMP_OUT_S, after a fault over FAULT_OUT_S. The force is clamped to the device's peak keeping
+its direction, as its motors warm to its continuous force (`thermal`); its change is clamped to the device's slope, never
+above MOST_SLOPE_NPS; where waves are missing to SOFT_SLOPE_NPS, because a law without its wave jumps (`force_limits`).
+Torque, and the force of a gripper, have limits of their own. The energy ledger counts the forces after these limits
+(docs/decisions/0004-leaks.md).
 """
 
 from collections import Counter
@@ -20,7 +22,7 @@ from cogrip.client.force_limits import Bounds, ForceLimits, bounds_of
 from cogrip.client.row_size import surely_below
 from cogrip.client.thermal import ThermalLimit
 from cogrip.devices.device import Capability
-from cogrip.protocol.addition import add_floats
+from cogrip.machine.addition import add_floats
 from cogrip.protocol.setting_types import PLACES
 
 RAMP_IN_S = 0.3
@@ -38,6 +40,7 @@ DERATED_S = 10.0  # of thermal derating, in a counter that falls while there is 
 State = Literal["idle", "calibrating", "armed", "live", "clutched", "degraded", "fault"]
 Transition = Literal["open", "calibrated", "go", "stale", "fresh", "clutch", "engage", "rearm", "fail", "stop"]
 STATES: tuple[State, ...] = get_args(State)
+CLUTCH: tuple[Transition, ...] = ("clutch", "engage")
 TRANSITIONS: Mapping[tuple[State, Transition], State] = {
     ("idle", "open"): "calibrating", ("calibrating", "calibrated"): "armed", ("armed", "go"): "live",
     ("live", "stale"): "degraded", ("degraded", "fresh"): "live", ("fault", "rearm"): "armed",
@@ -47,6 +50,14 @@ TRANSITIONS: Mapping[tuple[State, Transition], State] = {
     ("calibrating", "stop"): "idle", ("armed", "stop"): "idle", ("live", "stop"): "idle", ("degraded", "stop"): "idle",
     ("fault", "stop"): "idle",
 }  # fmt: skip
+IGNORED: frozenset[tuple[State, Transition]] = frozenset({
+    ("idle", "stop"), ("idle", "fail"), ("fault", "fail"),  # the first reason is kept
+    *((state, "stale") for state in STATES if (state, "stale") not in TRANSITIONS),  # no force is there to be taken
+    *((state, "rearm") for state in STATES if state != "fault"),
+    # where no force is let through a clutch is held, and let go, without a transition
+    *((state, name) for state in STATES for name in CLUTCH if (state, name) not in TRANSITIONS),
+})  # fmt: skip
+"""Events that change nothing in a state. Every other one that has no transition from it is a defect."""
 
 
 class Safety:
@@ -107,9 +118,11 @@ class Safety:
         self.counts[name] += 1
 
     def event(self, name: Transition, reason: str = "") -> bool:
-        """Make a transition of TRANSITIONS. Return False if there is none from this state."""
+        """Make a transition of TRANSITIONS. Return False for an event of IGNORED. Raises ValueError for any other."""
         after = TRANSITIONS.get((self.state, name))
         if after is None:
+            if (self.state, name) not in IGNORED:
+                raise ValueError(f"{name!r} has no transition from {self.state!r}")
             return False
         self.state = after
         if reason or after in ("armed", "live"):

@@ -4,8 +4,9 @@ from msgspec.structs import replace
 
 from cogrip.client.safety import Safety
 from cogrip.client.seated import SeatedClient
-from cogrip.protocol.accounts import LEFT, REASON_BYTES, SATURATED, ClientAccount, DelayAccount, Percentiles, TickCount
-from cogrip.protocol.addition import add_floats
+from cogrip.machine.addition import add_floats
+from cogrip.machine.tick_count import Percentiles, TickCount
+from cogrip.protocol.accounts import LEFT, REASON_BYTES, SATURATED, ClientAccount, DelayAccount
 from cogrip.protocol.texts import clipped
 
 

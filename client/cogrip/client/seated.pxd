@@ -10,7 +10,7 @@ from cogrip.client.safety cimport Safety
 from cogrip.client.seat_hand cimport SeatHand
 from cogrip.client.shaking cimport Shaking
 from cogrip.devices.sample cimport Sample
-from cogrip.protocol.addition cimport add_floats
+from cogrip.machine.addition cimport add_floats
 
 
 cdef class SeatedClient(SeatHand):

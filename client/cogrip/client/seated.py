@@ -27,7 +27,7 @@ from cogrip.client.seat_hand import SeatHand
 from cogrip.client.shaking import Shaking
 from cogrip.devices.device import Capability
 from cogrip.devices.sample import Sample
-from cogrip.protocol.addition import add_floats
+from cogrip.machine.addition import add_floats
 from cogrip.protocol.messages import Edges, Effects, Frame, View, encode
 from cogrip.protocol.session import ClientSession
 from cogrip.protocol.setting_types import PLACES
@@ -76,8 +76,6 @@ class SeatedClient(SeatHand):
         if seat.tool is not None:
             self._set_tool(seat.tool)
         self._fit()
-        for event in ("open", "calibrated", "go"):
-            self.safety.event(event)
 
     def _fit(self) -> None:
         """Set resolution, lag and age of samples of the device record in coupling and ledger."""
@@ -95,6 +93,8 @@ class SeatedClient(SeatHand):
 
     def equip(self, capability: Capability) -> None:
         """Set the record of the device that is open now."""
+        if self.tick < 0 and self.safety.state == "idle" and self._stopped is None:
+            self.safety.event("open")
         self._set_record(capability)
         self.safety.set_record(self.capability)
         self.port.set_record(self._record)
@@ -139,7 +139,6 @@ class SeatedClient(SeatHand):
         """Leave a latched fault."""
         if self.safety.event("rearm"):
             self.port.rearm()
-            self.safety.event("go")
 
     def applied(self, force_n: tuple[float, ...]) -> None:
         """Set the force that the device applies in place of the one that `act` returned."""
@@ -174,6 +173,8 @@ class SeatedClient(SeatHand):
         elapsed, session = tick - self.tick, self.session
         if self.tick < 0:
             elapsed = 0
+            if self.safety.state == "idle":
+                self.safety.event("open")  # ticks are of a device that is open
             # silence counts from the first tick: opening the device took its time
             session.last_received_ns = session.fresh_ns = now_ns
         self.tick = tick
@@ -190,6 +191,8 @@ class SeatedClient(SeatHand):
                 session.heartbeat(now_ns)  # no hand yet, so no waves: the seat is kept all the same
             else:
                 self._begin_at(position)
+                if self.safety.state == "calibrating":
+                    self.safety.event("calibrated")
                 self._frame_start_m = position
                 self._frame_begin = tick - tick % self._ticks_per_frame
                 self._frame_end = self._frame_begin + self._ticks_per_frame
@@ -309,6 +312,8 @@ class SeatedClient(SeatHand):
             if coupling.played:  # datagrams come in bursts: a buffered frame played on schedule shows a live link, too
                 session.mark_fresh(now_ns)
         self._acted = self.tick
+        if safety.state == "armed":
+            safety.event("go")
         if session.state == "resuming" or session.stale(now_ns):
             safety.event("stale", "nothing new from the server")
         elif safety.state == "degraded" and not self.port.releasing:

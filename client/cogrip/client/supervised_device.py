@@ -71,8 +71,8 @@ class SupervisedDevice:
             self._judge(before)
             self.device.open(self._rate_hz)
             opened = self.device.capability
+        self._core.handle(DeviceOpened(opened), self._core.now_ns)
         if opened != before:
-            self._core.handle(DeviceOpened(opened), self._core.now_ns)
             try:
                 self._judge(opened)
             except OverloadError:

@@ -8,7 +8,7 @@ from cogrip.client.hand_motion cimport HandMotion
 from cogrip.client.seated cimport SeatedClient
 from cogrip.client.tick_packing cimport pack_tick
 from cogrip.devices.sample cimport Sample
-from cogrip.protocol.addition cimport add_floats
+from cogrip.machine.addition cimport add_floats
 
 
 cdef class TickRecord:

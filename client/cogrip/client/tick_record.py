@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 from cogrip.client.seated import SeatedClient
 from cogrip.client.tick_packing import BEGIN, pack_tick
 from cogrip.devices.sample import Sample
-from cogrip.protocol.addition import add_floats
+from cogrip.machine.addition import add_floats
 from cogrip.protocol.line.energy_reserve import known
 from cogrip.protocol.recording.records import Tick, TickHead
 from cogrip.protocol.recording.sink import encode

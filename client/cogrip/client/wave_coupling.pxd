@@ -3,7 +3,7 @@ cimport cython
 from cogrip.client.coupling cimport Coupling, PortEnergy
 from cogrip.client.series_impedance cimport SeriesImpedance
 from cogrip.client.wave_lines cimport ForwardLine, ReturningLine
-from cogrip.protocol.addition cimport add_floats
+from cogrip.machine.addition cimport add_floats
 from cogrip.protocol.line.receiver cimport LineReceiver
 from cogrip.protocol.waves_encoding cimport encode_waves
 

@@ -27,8 +27,8 @@ from cogrip.client.series_impedance import SeriesImpedance
 from cogrip.client.velocity import largest_impedance
 from cogrip.client.wave_lines import ForwardLine, ReturningLine
 from cogrip.devices.device import Capability
+from cogrip.machine.addition import add_floats
 from cogrip.protocol.accounts import LineAccount, LinkCount, PlayoutAccount
-from cogrip.protocol.addition import add_floats
 from cogrip.protocol.clock import Clock
 from cogrip.protocol.handle import Handle
 from cogrip.protocol.line_tuning import ImpedanceChanges, Tuning, bounded, corner_hz

@@ -1,7 +1,7 @@
 cimport cython
 
 from cogrip.client.coupling cimport PortEnergy
-from cogrip.protocol.addition cimport add_floats
+from cogrip.machine.addition cimport add_floats
 from cogrip.protocol.decimation cimport Decimator
 from cogrip.protocol.line.energy_reserve cimport EnergyReserve
 from cogrip.protocol.line.energy_sums cimport CompensatedSum

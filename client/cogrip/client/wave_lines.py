@@ -5,7 +5,7 @@ from collections.abc import Sequence
 from math import sqrt
 
 from cogrip.client.coupling import PortEnergy, Row
-from cogrip.protocol.addition import add_floats
+from cogrip.machine.addition import add_floats
 from cogrip.protocol.decimation import make_decimator
 from cogrip.protocol.line.energy_ledger import HISTORY
 from cogrip.protocol.line.energy_reserve import EnergyReserve

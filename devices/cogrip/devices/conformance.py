@@ -13,7 +13,7 @@ from cogrip.devices.device import Capability, Device, DeviceError, Sample
 from cogrip.devices.plausibility import AGE, DRIFT, JUMP, OLD, ForceReports, Plausibility
 from cogrip.devices.response import RATE_HZ, faults
 from cogrip.devices.way_in import into_box
-from cogrip.protocol.addition import add_floats
+from cogrip.machine.addition import add_floats
 from cogrip.protocol.handle import is_unit
 from cogrip.protocol.rates import LEAST_DEVICE_HZ
 from cogrip.protocol.setting_types import GRIP_AXES, PLACES, POSE_AXES

@@ -1,7 +1,7 @@
 cimport cython
 
 from cogrip.devices.sample cimport Sample
-from cogrip.protocol.addition cimport add_floats
+from cogrip.machine.addition cimport add_floats
 
 
 @cython.locals(axis=Py_ssize_t)

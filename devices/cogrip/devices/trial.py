@@ -14,7 +14,7 @@ from dataclasses import dataclass
 from math import hypot
 
 from cogrip.devices.device import Capability, Device, Sample
-from cogrip.protocol.addition import add_floats
+from cogrip.machine.addition import add_floats
 
 RATE_HZ = 1024
 AXES = ("x", "y", "z")

@@ -1,11 +1,10 @@
 """Accounts of a session by each end, exchanged in its last two messages and joined in `summary.json` (SPEC.md 3.9, 3.10)."""
 
-import math
 from typing import Annotated
 
 import msgspec
 
-from cogrip.protocol.histogram import DurationHistogram
+from cogrip.machine.tick_count import Percentiles, TickCount
 
 REASON_BYTES = 280  # A client's account with a reason of this length still fits a datagram once it is encrypted.
 LEFT, SATURATED = 1, 2  # of a client's `incidents`: one byte, as the largest account has no room for more
@@ -22,31 +21,6 @@ class LinkCount(msgspec.Struct, frozen=True, array_like=True):
     late: int = 0
     duplicate: int = 0
     pending: int = 0
-
-
-class Percentiles(msgspec.Struct, frozen=True, array_like=True):
-    """Percentiles of durations, in the unit of the field that holds them; None where there were none."""
-
-    p50: float | None = None
-    p99: float | None = None
-    p999: float | None = None
-    max: float | None = None
-
-    @classmethod
-    def of(cls, histogram: DurationHistogram, unit_ns: float) -> "Percentiles":
-        """Percentiles of a histogram in units of `unit_ns` nanoseconds."""
-        summary = histogram.summary_us()
-        scale = 1e3 / unit_ns
-        return cls(**{name: None if math.isnan(value) else value * scale for name, value in summary.items()})
-
-
-class TickCount(msgspec.Struct, frozen=True, array_like=True):
-    """Ticks of a loop: due = run + skipped."""
-
-    due: int = 0
-    run: int = 0
-    late_us: Percentiles = Percentiles()
-    work_us: Percentiles = Percentiles()
 
 
 class PlayoutAccount(msgspec.Struct, frozen=True, array_like=True):

@@ -6,10 +6,10 @@ from typing import Annotated
 
 import msgspec
 
+from cogrip.machine.addition import add_floats
 from cogrip.protocol import decimation
 from cogrip.protocol import felt_stiffness as felt
 from cogrip.protocol import setting_types as types
-from cogrip.protocol.addition import add_floats
 from cogrip.protocol.coupling_kinds import COUPLING_KINDS, CouplingKind
 from cogrip.protocol.line.delays import Direction, PlayoutDelay, line_delay
 from cogrip.protocol.line_tuning import USUAL_NSPM, corner_hz, filter_lag_s, kept_tuning, tuning

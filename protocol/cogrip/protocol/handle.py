@@ -5,7 +5,7 @@ from typing import Annotated
 
 import msgspec
 
-from cogrip.protocol.addition import add_floats
+from cogrip.machine.addition import add_floats
 
 MOST_BUTTONS = 32  # of one handle
 MOST_EDGES = 16  # that a client has sent and not seen acknowledged

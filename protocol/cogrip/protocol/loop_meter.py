@@ -6,7 +6,7 @@ A wave is sent, answered, and the answer is applied: each end sees by `acknowled
 
 from collections import Counter, deque
 
-from cogrip.protocol.addition import add_integers
+from cogrip.machine.addition import add_integers
 
 MOST_LOOP_FRAMES = 4096  # longest loop that is believed
 

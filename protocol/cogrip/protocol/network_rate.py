@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any, Literal, Protocol
 
 import msgspec
 
-from cogrip.protocol.addition import add_floats
+from cogrip.machine.addition import add_floats
 from cogrip.protocol.line.delays import Direction, PlayoutDelay, line_delay
 from cogrip.protocol.object_kinds import kind_of
 from cogrip.protocol.rates import Rates, misfit

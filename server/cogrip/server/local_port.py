@@ -8,7 +8,7 @@ echo.
 
 from math import dist
 
-from cogrip.protocol.addition import add_floats
+from cogrip.machine.addition import add_floats
 from cogrip.protocol.clock import Clock
 from cogrip.protocol.line.energy_sums import CompensatedSum
 from cogrip.protocol.received_waves import ReceivedWaves

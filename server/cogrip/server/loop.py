@@ -12,12 +12,12 @@ from contextlib import closing, suppress
 from dataclasses import dataclass, field
 from pathlib import Path
 
-from cogrip.protocol.io.pacing import SPIN_NS, Pacer
-from cogrip.protocol.io.platform import time
-from cogrip.protocol.io.realtime import SERVER_PRIORITY, engage, release
-from cogrip.protocol.io.receive_buffer import OVERRUN
+from cogrip.machine.pacing import SPIN_NS, Pacer
+from cogrip.machine.platform import time
+from cogrip.machine.realtime import SERVER_PRIORITY, engage, release
+from cogrip.machine.receive_buffer import OVERRUN
+from cogrip.machine.stop import Stop
 from cogrip.protocol.io.recorder import Recorder, open_recorder
-from cogrip.protocol.io.stop import Stop
 from cogrip.protocol.rates import NS_PER_S
 from cogrip.protocol.recording.header import Header, versions_here
 from cogrip.protocol.recording.sink import Nowhere, pack

@@ -9,7 +9,7 @@ Per axis, energies in J: F force of the coupling [N], w velocity of the proxy [m
               `up_margin_j` is the least of it
 """
 
-from cogrip.protocol.addition import add_floats
+from cogrip.machine.addition import add_floats
 from cogrip.protocol.clock import Clock
 from cogrip.protocol.line.energy_sums import CompensatedSum
 from cogrip.protocol.messages import Power, encode

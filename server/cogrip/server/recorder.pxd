@@ -20,6 +20,8 @@ cdef class RecordedServer(ServerCore):
     cdef public object topics
     cdef dict _step_topic
     cdef dict _scene_topic
+    cdef dict _sensor_topic
+    cdef set _named
     cdef dict _drawn
     cdef Room _stepped
     cdef long long _frames

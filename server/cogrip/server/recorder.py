@@ -10,7 +10,7 @@ from collections.abc import Callable, Mapping, Sequence
 import msgspec
 import numpy as np
 
-from cogrip.protocol.accounts import TickCount
+from cogrip.machine.tick_count import TickCount
 from cogrip.protocol.button_edges import edge_words
 from cogrip.protocol.channel import Address
 from cogrip.protocol.messages import Hello

@@ -7,8 +7,9 @@ from math import dist
 import numpy as np
 from msgspec.structs import replace
 
+from cogrip.machine.tick_count import TickCount
 from cogrip.protocol import messages
-from cogrip.protocol.accounts import RoomAccount, SeatAccount, TickCount
+from cogrip.protocol.accounts import RoomAccount, SeatAccount
 from cogrip.protocol.button_edges import EdgeReceiver, bits_of
 from cogrip.protocol.channel import Address
 from cogrip.protocol.clock import Clock

@@ -3,7 +3,7 @@
 from collections.abc import Iterator, Sequence
 from itertools import chain
 
-from cogrip.protocol.addition import add_integers
+from cogrip.machine.addition import add_integers
 from cogrip.protocol.channel import Address
 from cogrip.protocol.messages import Hello
 from cogrip.protocol.session import unfit

@@ -17,7 +17,7 @@ from sys import float_info
 
 import msgspec
 
-from cogrip.protocol.addition import add_floats
+from cogrip.machine.addition import add_floats
 from cogrip.protocol.messages import NO_BOUND, SHORT, Hello, Latest
 from cogrip.protocol.settings import REMOTE, Settings
 from cogrip.protocol.tool_frame import ToolFrame

@@ -6,9 +6,9 @@ from typing import TYPE_CHECKING, Protocol
 
 import msgspec
 
+from cogrip.machine.addition import add_integers
+from cogrip.machine.histogram import DurationHistogram
 from cogrip.protocol.accounts import LinkCount
-from cogrip.protocol.addition import add_integers
-from cogrip.protocol.histogram import DurationHistogram
 
 if TYPE_CHECKING:  # the reader needs no room, and none of numpy
     from cogrip.server.room import Room

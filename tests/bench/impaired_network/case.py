@@ -10,16 +10,16 @@ from typing import Any
 
 import numpy as np
 
+from cogrip.analysis.lifted_model import LiftedModel
+from cogrip.analysis.linear_session import linear_session
+from cogrip.analysis.stability import verdict
+from cogrip.analysis.trace import TraceRecorder
+from cogrip.experiments.methods.hand import let_rest
+from cogrip.experiments.methods.measures import at_rest, created_j, furthest, largest
 from cogrip.protocol.settings import Settings
-from cogrip.sim.analysis.lifted_model import LiftedModel
-from cogrip.sim.analysis.linear_session import linear_session
-from cogrip.sim.analysis.stability import verdict
-from cogrip.sim.experiments.methods.hand import let_rest
-from cogrip.sim.experiments.methods.measures import at_rest, created_j, furthest, largest
-from cogrip.sim.experiments.methods.trace import TraceRecorder
-from cogrip.sim.runs.summary import of_laboratory
-from cogrip.sim.runs.summary_values import people, worst_margin
-from cogrip.sim.session.laboratory import Laboratory
+from cogrip.results.summary import of_laboratory
+from cogrip.results.summary_values import people, worst_margin
+from cogrip.sim.laboratory import Laboratory
 
 from tests.bench.impaired_network.room import CLEAN, impaired, loose, settled
 

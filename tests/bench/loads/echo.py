@@ -12,9 +12,9 @@ import sys
 import time
 from typing import Any
 
-from cogrip.protocol.io.pacing import Pacer
-from cogrip.protocol.io.realtime import engage, release
-from cogrip.protocol.io.receive_buffer import enlarge
+from cogrip.machine.pacing import Pacer
+from cogrip.machine.realtime import engage, release
+from cogrip.machine.receive_buffer import enlarge
 
 from tests.bench import machine
 

@@ -12,10 +12,10 @@ from contextlib import ExitStack, suppress
 
 import msgspec
 
+from cogrip.machine.pacing import Pacer
 from cogrip.protocol.channel import PEER
 from cogrip.protocol.io.dtls import cookie_in
 from cogrip.protocol.io.dtls_client import DtlsClient
-from cogrip.protocol.io.pacing import Pacer
 from cogrip.protocol.messages import MAX_DATAGRAM_BYTES, padded
 from cogrip.protocol.session import make_hello
 

@@ -13,8 +13,8 @@ from collections.abc import Callable, Sequence
 from contextlib import suppress
 from typing import NamedTuple
 
+from cogrip.machine.pacing import Pacer
 from cogrip.protocol.channel import PEER, Channel
-from cogrip.protocol.io.pacing import Pacer
 from cogrip.protocol.line.sender import LineSender
 from cogrip.protocol.messages import DTLS_BYTES, Hello, Stamp, Waves, encode
 from cogrip.protocol.session import ClientSession, make_hello

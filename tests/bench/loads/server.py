@@ -19,13 +19,13 @@ from typing import Literal
 
 import msgspec
 
+from cogrip.machine.histogram import DurationHistogram
+from cogrip.machine.pacing import Pacer
+from cogrip.machine.realtime import engage, release
+from cogrip.machine.receive_buffer import enlarge
+from cogrip.machine.stop import Stop
 from cogrip.protocol.channel import UnencryptedChannel
-from cogrip.protocol.histogram import DurationHistogram
 from cogrip.protocol.io.dtls_client import DtlsClient
-from cogrip.protocol.io.pacing import Pacer
-from cogrip.protocol.io.realtime import engage, release
-from cogrip.protocol.io.receive_buffer import enlarge
-from cogrip.protocol.io.stop import Stop
 from cogrip.protocol.settings import Settings, resolve, seat_settings
 from cogrip.server.core import ServerCore
 from cogrip.server.io.authenticator import TokenAuthenticator

@@ -1,6 +1,6 @@
 """`python -m tests.bench.loads.server_process JOB`: a server under load, in large pages from its first import on."""
 
-from cogrip.protocol.io.large_pages import use_large_pages
+from cogrip.machine.large_pages import use_large_pages
 
 if __name__ == "__main__":
     use_large_pages()

@@ -11,12 +11,12 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from cogrip.analysis.state_space import Array
 from cogrip.client.velocity import WANTED_NSPM, MotionObserver, memory_for
 from cogrip.devices.arm.models import MODELS
 from cogrip.devices.device import Capability
 from cogrip.devices.openhaptics.models import RECORDS
 from cogrip.devices.registry import describe
-from cogrip.sim.analysis.state_space import Array
 
 from tests.bench.velocity_trial.estimators import AdaptiveWindow, Estimator, FollowingAlphaBeta
 from tests.bench.velocity_trial.hands import Motion

@@ -12,7 +12,7 @@ from cogrip.client.velocity import NOISE_N
 from cogrip.devices.device import Capability, Sample
 from cogrip.devices.simulated.device import Plant, SimulatedDevice
 from cogrip.protocol.settings import resolve
-from cogrip.sim.session.laboratory import Laboratory
+from cogrip.sim.laboratory import Laboratory
 
 from tests.bench.velocity_trial.estimators import Estimator
 

@@ -24,7 +24,7 @@ from cogrip.protocol.recording.reader import (
     Message,
     RecordingError,
 )
-from cogrip.sim.runs.records import End
+from cogrip.results.records import End
 
 _FRAME = Struct("<BQ")
 _TIMES = Struct("<QQ")

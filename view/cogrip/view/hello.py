@@ -4,7 +4,7 @@ from typing import Annotated
 
 import msgspec
 
-from cogrip.sim.experiments.study.questions import MOST_TEXT
+from cogrip.experiments.study.questions import MOST_TEXT
 
 MOST_CHUNK = 2**20
 MOST_NUMBER = 2**31 - 1

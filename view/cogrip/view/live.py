@@ -6,7 +6,7 @@ from math import isnan, nan
 from cogrip.client.observed_scene import ObservedScene
 from cogrip.client.observer import ObserverCore
 from cogrip.devices.web.messages import ZERO, State, Vector, vector
-from cogrip.protocol.addition import add_floats
+from cogrip.machine.addition import add_floats
 from cogrip.protocol.button_edges import bits_of, edge_words
 from cogrip.protocol.drawing import LEAST_DRAWN_N, Shape, anchors_m, object_size_m
 from cogrip.protocol.effects import Effect, drawn_effect
@@ -14,7 +14,7 @@ from cogrip.protocol.messages import Person, Pose, View
 from cogrip.protocol.setting_types import PLACES
 from cogrip.protocol.settings import SeatSettings
 from cogrip.protocol.texts import shown
-from cogrip.sim.runs.verdict import least_margin
+from cogrip.results.verdict import least_margin
 from cogrip.view import frames
 from cogrip.view.frames import Frame, PersonFrame
 from cogrip.view.scene import (

@@ -15,7 +15,7 @@ from pathlib import Path
 import msgspec
 
 from cogrip.devices.web.messages import State, Vector, vector
-from cogrip.protocol.addition import add_floats
+from cogrip.machine.addition import add_floats
 from cogrip.protocol.drawing import LEAST_DRAWN_N, MOST_SHAPES, anchors_m, object_size_m
 from cogrip.protocol.effects import drawn_effect
 from cogrip.protocol.foreign_file import ForeignFileError
@@ -26,10 +26,10 @@ from cogrip.protocol.recording.records import Geoms, Number, Poses, Row, SeatSte
 from cogrip.protocol.setting_types import PLACES
 from cogrip.protocol.settings import Settings
 from cogrip.protocol.texts import shown
+from cogrip.results.folder import SETTINGS
+from cogrip.results.records import open_run
+from cogrip.results.verdict import least_margin
 from cogrip.server.recorder import scene_topics, step_topic
-from cogrip.sim.runs.folder import SETTINGS
-from cogrip.sim.runs.records import open_run
-from cogrip.sim.runs.verdict import least_margin
 from cogrip.view import frames
 from cogrip.view.file_index import FileIndex
 from cogrip.view.frames import Frame, PersonFrame

@@ -11,10 +11,10 @@ from rich.table import Table
 from cogrip.cli.session.trigger_line import measured_trigger
 from cogrip.cli.terminal.output import Json, make_console, write_json
 from cogrip.cli.terminal.problem import BadInput
-from cogrip.protocol.io import punctuality
-from cogrip.protocol.io.compiled_files import form
-from cogrip.protocol.io.punctuality import Machine, Punctuality
-from cogrip.protocol.io.realtime import PRIORITY
+from cogrip.machine import punctuality
+from cogrip.machine.compiled_files import form
+from cogrip.machine.punctuality import Machine, Punctuality
+from cogrip.machine.realtime import PRIORITY
 
 _COLOURS = {"in reach": "green", "marginal": "yellow", "out of reach": "red"}
 _INTERRUPTED = 130  # what a shell reports for Ctrl-C

@@ -16,7 +16,7 @@ from cogrip.devices.device import DeviceError
 from cogrip.devices.io.arm_check import MOST_TEST_MA
 from cogrip.devices.io.calibration_store import CalibrationStore
 from cogrip.devices.way_in import into_sphere
-from cogrip.protocol.io.realtime import engage, release
+from cogrip.machine.realtime import engage, release
 
 
 def device_calibrate(address: str, /, *, yes: bool = False, damping: bool = False) -> int:

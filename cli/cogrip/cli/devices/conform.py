@@ -7,7 +7,7 @@ from cogrip.devices.conformance import CHECKS, Subject, UnfitError
 from cogrip.devices.device import Device, DeviceError, defects_named
 from cogrip.devices.registry import axes_of, is_input_only, is_real, make, record_of
 from cogrip.devices.response import most_push_n
-from cogrip.protocol.io.platform import time
+from cogrip.machine.platform import time
 from cogrip.protocol.rates import due_ns
 
 PUSH_N = 0.2  # on a device that is real

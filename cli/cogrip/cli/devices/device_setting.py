@@ -6,7 +6,7 @@ import tomllib
 from math import inf
 from typing import Any
 
-from cogrip.cli.session.shipped_settings import shipped
+from cogrip.cli.settings.shipped_settings import shipped
 from cogrip.cli.terminal.problem import BadInput
 from cogrip.protocol.coupling_settings import CouplingSection as Coupling
 

@@ -17,8 +17,8 @@ from cogrip.devices.io.report_socket import ReportSocket, is_socket
 from cogrip.devices.io.served_firmware import ServedFirmware
 from cogrip.devices.io.service_socket import ServiceSocket
 from cogrip.devices.settings import parse_address
-from cogrip.protocol.io.realtime import engage, release
-from cogrip.protocol.io.stop import Stop, on_signals
+from cogrip.machine.realtime import engage, release
+from cogrip.machine.stop import Stop, on_signals
 
 _DEFAULTS = {"serial": "vintage", "haply": "2diy", "hid": "woodenhaptics", "inverse": "inverse3"}
 

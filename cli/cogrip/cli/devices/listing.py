@@ -27,7 +27,7 @@ from cogrip.devices.registry import (
     record_of,
 )  # fmt: skip
 from cogrip.devices.settings import MOST_AXES, parse_address
-from cogrip.protocol.addition import add_integers
+from cogrip.machine.addition import add_integers
 from cogrip.protocol.setting_types import GRIP_AXES, POSE_AXES
 
 NOT_RUN = "not run on hardware"

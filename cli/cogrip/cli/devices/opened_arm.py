@@ -12,7 +12,7 @@ from cogrip.cli.terminal.typed_line import typed_line
 from cogrip.devices.arm.driver import ArmDevice
 from cogrip.devices.device import DeviceError
 from cogrip.devices.registry import axes_of, is_input_only, make
-from cogrip.protocol.io.platform import system
+from cogrip.machine.platform import system
 
 
 def arm_at(address: str) -> ArmDevice:

@@ -10,7 +10,7 @@ from cogrip.devices import response
 from cogrip.devices.device import Device, DeviceError, defects_named
 from cogrip.devices.motor_trial import MOST_HZ, Tried, try_motors
 from cogrip.devices.registry import axes_of, is_input_only, is_real, make
-from cogrip.protocol.io.realtime import engage, release
+from cogrip.machine.realtime import engage, release
 
 UNTRIED = ("sim:", "web:", "replay:")  # These have no motors.
 SKIPPED = "motors not tried: --no-trial"

@@ -24,7 +24,7 @@ from cogrip.devices.arm.driver import ArmDevice
 from cogrip.devices.device import Device, DeviceError, Sample, defects_named
 from cogrip.devices.io.plugged_in import FINDERS
 from cogrip.devices.registry import axes_of, is_input_only, is_real, make, record_of
-from cogrip.protocol.io.realtime import engage, release
+from cogrip.machine.realtime import engage, release
 
 SIGN = "the sign of "
 STEPS = ("device", "who it is", "check", "calibration", "signs of its axes", "felt stiffness", "settings file")

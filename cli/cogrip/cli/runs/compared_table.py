@@ -7,7 +7,7 @@ from rich.table import Table
 from rich.text import Text
 
 from cogrip.cli.terminal.tables import Fitted, marked, plain_table
-from cogrip.sim.runs.comparison import Difference
+from cogrip.results.comparison import Difference
 
 
 def compared_table(rows: Sequence[Difference], labels: Sequence[str]) -> Group:

@@ -12,11 +12,11 @@ from rich.text import Text
 from cogrip.cli.terminal.output import Json, make_console, write_json
 from cogrip.cli.terminal.problem import BadInput
 from cogrip.cli.terminal.tables import padded, shortened
-from cogrip.protocol.addition import add_integers
+from cogrip.machine.addition import add_integers
 from cogrip.protocol.io.recorder import is_being_written
 from cogrip.protocol.texts import shown
-from cogrip.sim.runs.judgement import Tone
-from cogrip.sim.runs.listing import ListedRun, list_runs
+from cogrip.results.judgement import Tone
+from cogrip.results.listing import ListedRun, list_runs
 
 _TONES: dict[Tone, tuple[str, str]] = {"good": ("✓", "green"), "warn": ("!", "yellow"), "bad": ("✗", "red")}
 _HEADINGS = ("run", "age", "kind", "people", "verdict", "length", "size")  # the last ones are left out first

@@ -11,27 +11,27 @@ from rich.console import Console
 from cogrip.cli.runs.compared_table import compared_table
 from cogrip.cli.runs.run_folder import new_run_folder, opened
 from cogrip.cli.runs.summary_table import verdict_lines
-from cogrip.cli.session.before_run import AllowUnstable, check_settings
-from cogrip.cli.session.settings_file import override, try_session
-from cogrip.cli.session.settings_origin import SET
+from cogrip.cli.settings.before_run import AllowUnstable, check_settings
+from cogrip.cli.settings.settings_file import override, try_session
+from cogrip.cli.settings.settings_origin import SET
 from cogrip.cli.terminal.output import Json, make_console, write_json
 from cogrip.cli.terminal.parameters import Overrides, Runs
 from cogrip.cli.terminal.problem import BadInput
 from cogrip.cli.terminal.tables import say as say_lines
-from cogrip.protocol.addition import add_integers
-from cogrip.protocol.io.stop import Stop, on_signals
+from cogrip.machine.addition import add_integers
+from cogrip.machine.stop import Stop, on_signals
 from cogrip.protocol.recording.header import versions_here
 from cogrip.protocol.recording.reader import Recording, RecordingError
 from cogrip.protocol.recording.records import Gap
 from cogrip.protocol.settings_table import SettingsError
-from cogrip.sim.runs.comparison import ComparisonError
-from cogrip.sim.runs.records import RunRecords
-from cogrip.sim.runs.replay.verify import Verdict
-from cogrip.sim.runs.replay.verify import verify as verify_recording
-from cogrip.sim.runs.replay.what_if import Hands, folder_name, label
-from cogrip.sim.runs.replay.what_if import what_if as other_world
-from cogrip.sim.runs.traces import describe
-from cogrip.sim.runs.verdict import succeeded
+from cogrip.results.comparison import ComparisonError
+from cogrip.results.records import RunRecords
+from cogrip.results.replay.verify import Verdict
+from cogrip.results.replay.verify import verify as verify_recording
+from cogrip.results.replay.what_if import Hands, folder_name, label
+from cogrip.results.replay.what_if import what_if as other_world
+from cogrip.results.traces import describe
+from cogrip.results.verdict import succeeded
 
 UNCHANGED = "unchanged, in the laboratory"
 WORTH_WORKERS_BYTES = 8_000_000
@@ -164,9 +164,9 @@ def _what_if(
         try_session(world.settings, "")
         if name == next(reversed(worlds)):  # the recorded settings may be run again: only the changed ones are refused
             check_settings(world.settings, allow_unstable or not changes, world.overloads)
-    from cogrip.sim.runs.laboratory_run import run_laboratory
-    from cogrip.sim.runs.report.compared import write_comparison
-    from cogrip.sim.runs.report.page import write_report
+    from cogrip.results.laboratory_run import run_laboratory
+    from cogrip.results.report.compared import write_comparison
+    from cogrip.results.report.page import write_report
 
     folder = new_run_folder(runs, folder_name(records))
     folders = {name: folder / place for name, (_, place) in worlds.items()}

@@ -5,14 +5,14 @@ from contextlib import suppress
 from pathlib import Path
 
 from cogrip.cli.runs.compared_table import compared_table
-from cogrip.cli.runs.recover import recover_unclosed
+from cogrip.cli.runs.recovered import recover_unclosed
 from cogrip.cli.runs.run_folder import RUNS, found_run
 from cogrip.cli.terminal.output import make_console
 from cogrip.cli.terminal.parameters import RunsBelow
 from cogrip.cli.terminal.problem import BadInput
 from cogrip.cli.terminal.tables import say
 from cogrip.protocol.recording.reader import RecordingError
-from cogrip.sim.runs.comparison import ComparisonError, Difference, labels_of
+from cogrip.results.comparison import ComparisonError, Difference, labels_of
 
 COMPARISON = Path("comparison.html")
 
@@ -70,9 +70,9 @@ def _check(run: Sequence[Path], out: Path | None) -> None:
 
 def _write(run: Sequence[Path], out: Path) -> tuple[Path, list[Difference], list[str]]:
     if len(run) == 1:
-        from cogrip.sim.runs.report.page import write_report
+        from cogrip.results.report.page import write_report
 
         return write_report(run[0]), [], []
-    from cogrip.sim.runs.report.compared import write_comparison
+    from cogrip.results.report.compared import write_comparison
 
     return write_comparison(out, run)

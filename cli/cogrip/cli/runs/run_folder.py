@@ -12,10 +12,10 @@ from rich.console import Console
 from cogrip.cli.terminal.output import make_console
 from cogrip.cli.terminal.problem import BadInput
 from cogrip.protocol.recording.reader import RecordingError
-from cogrip.sim.runs.folder import make_run_folder, write_summary
+from cogrip.results.folder import make_run_folder, write_summary
 
 if TYPE_CHECKING:
-    from cogrip.sim.runs.records import RunRecords
+    from cogrip.results.records import RunRecords
 
 RUNS = Path("runs")  # where commands leave runs, and look for their names
 
@@ -58,8 +58,8 @@ def nowhere(name: str, runs: Path) -> str:
 
 def opened(run: Path, runs: Path) -> "RunRecords":
     """Return the recordings of a `found_run`, those that were cut short recovered first. Raises BadInput."""
-    from cogrip.cli.runs.recover import recover_unclosed  # readers of recordings, which no live session needs
-    from cogrip.sim.runs.records import open_run
+    from cogrip.cli.runs.recovered import recover_unclosed  # readers of recordings, which no live session needs
+    from cogrip.results.records import open_run
 
     path = found_run(run, runs)
     with BadInput.of_files(path, RecordingError):
@@ -78,7 +78,7 @@ def leave_files(folder: Path | None, summary: dict[str, Any], console: Console, 
     try:
         write_summary(folder, summary)
         if report:
-            from cogrip.sim.runs.report.page import write_report
+            from cogrip.results.report.page import write_report
 
             console.print(f"report: {write_report(folder)}")
     except OSError as error:

@@ -12,8 +12,8 @@ from pathlib import Path
 from typing import IO
 
 from cogrip.cli.terminal.problem import Problem
-from cogrip.protocol.io.platform import system
-from cogrip.protocol.io.stop import TETHERED, Stop
+from cogrip.machine.platform import system
+from cogrip.machine.stop import TETHERED, Stop
 
 START_LIMIT_S = 30.0
 END_LIMIT_S = 15.0

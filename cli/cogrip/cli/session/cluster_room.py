@@ -19,10 +19,11 @@ from cogrip.cli.runs.run_folder import live_run_folder
 from cogrip.cli.session.log_lines import NOTICE, LogLines
 from cogrip.cli.session.server_state import channel_of
 from cogrip.cli.session.worker import Job, conclude
+from cogrip.machine.platform import system
+from cogrip.machine.stop import Stop
 from cogrip.protocol.channel import place_text
-from cogrip.protocol.io.platform import system
-from cogrip.protocol.io.stop import Stop
 from cogrip.protocol.version import VERSION
+from cogrip.results.folder import SERVER_RECORDING
 from cogrip.server.events import ServerEvent
 from cogrip.server.io.authenticator import TokenAuthenticator
 from cogrip.server.io.cluster.guard import Guard
@@ -49,7 +50,6 @@ from cogrip.server.io.workers.link import (
 )
 from cogrip.server.io.workers.orders import LinkMeasures, LinkOrders
 from cogrip.server.loop import LiveServer
-from cogrip.sim.runs.folder import SERVER_RECORDING
 
 DESERTED_S = 10.0  # after which a process that nobody answers ends: whoever was there may be resuming
 

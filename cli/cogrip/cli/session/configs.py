@@ -5,7 +5,7 @@ from pathlib import Path
 from cyclopts import App
 from rich.table import Table
 
-from cogrip.cli.session.shipped_settings import SUFFIX, no_such_settings, shipped, shipped_names, summary_of
+from cogrip.cli.settings.shipped_settings import SUFFIX, no_such_settings, shipped, shipped_names, summary_of
 from cogrip.cli.terminal.output import make_console
 from cogrip.cli.terminal.problem import BadInput, Problem
 

@@ -13,22 +13,22 @@ from rich.live import Live
 
 from cogrip.cli.runs.run_folder import new_run_folder
 from cogrip.cli.runs.summary_table import terminal_summary
-from cogrip.cli.session.before_run import AllowUnstable, check_settings, refuse_hardware
 from cogrip.cli.session.children import end_all, how_ended, listening_port, start_child, stated_reason
 from cogrip.cli.session.live_views import LiveTable
 from cogrip.cli.session.network_rate import RateChoices, measured, write_choice
 from cogrip.cli.session.python_worlds import PythonWorlds, allow_python_worlds
-from cogrip.cli.session.settings_file import load, try_hands, with_people
-from cogrip.cli.session.shipped_settings import shipped
 from cogrip.cli.session.view_child import open_view
+from cogrip.cli.settings.before_run import AllowUnstable, check_settings, refuse_hardware
+from cogrip.cli.settings.settings_file import load, try_hands, with_people
+from cogrip.cli.settings.shipped_settings import shipped
 from cogrip.cli.terminal.output import make_console
 from cogrip.cli.terminal.parameters import Devices, Hands, Overrides, Runs
 from cogrip.cli.terminal.problem import BadInput, above_zero
-from cogrip.protocol.io.platform import system
-from cogrip.protocol.io.stop import Stop, on_signals
+from cogrip.machine.platform import system
+from cogrip.machine.stop import Stop, on_signals
 from cogrip.protocol.object_kinds import kind_of
 from cogrip.protocol.settings import Settings
-from cogrip.sim.runs.folder import (
+from cogrip.results.folder import (
     SETTINGS,
     SUMMARY,
     client_log,
@@ -37,10 +37,10 @@ from cogrip.sim.runs.folder import (
     write_settings,
     write_summary,
 )
-from cogrip.sim.runs.report.page import write_report
-from cogrip.sim.runs.summary import of_accounts
-from cogrip.sim.runs.summary_values import task_of
-from cogrip.sim.runs.verdict import succeeded
+from cogrip.results.report.page import write_report
+from cogrip.results.summary import of_accounts
+from cogrip.results.summary_values import task_of
+from cogrip.results.verdict import succeeded
 
 MOVED_M = 0.005  # an object that travelled less has not really moved
 WATCH_EVERY_S = 0.1

@@ -21,7 +21,7 @@ from cogrip.cli.terminal.output import make_console
 from cogrip.cli.terminal.problem import BadInput, Problem, at_least_one, some_time, within
 from cogrip.cli.terminal.qr_code import print_qr_code
 from cogrip.client.io.paths import JoinError
-from cogrip.protocol.io.stop import Stop, on_signals
+from cogrip.machine.stop import Stop, on_signals
 from cogrip.protocol.join_link import DEFAULT_PORT, JoinLink, place_text
 from cogrip.protocol.session import ClientSession
 from cogrip.view.io.feed import LiveFeed

@@ -12,7 +12,6 @@ from rich.console import Console
 
 from cogrip.cli.devices.tried_response import try_before_seat
 from cogrip.cli.runs.run_folder import leave_files, live_run_folder
-from cogrip.cli.session.before_run import AllowUnstable, refuse_hardware
 from cogrip.cli.session.front_ends import FoxgloveOrigins
 from cogrip.cli.session.join_target import target_of, typed
 from cogrip.cli.session.joined_device import (
@@ -28,9 +27,10 @@ from cogrip.cli.session.joined_device import (
 from cogrip.cli.session.live_views import JoinView, drawing
 from cogrip.cli.session.network_rate import RateChoices, stated
 from cogrip.cli.session.observe import counted, observe_room
-from cogrip.cli.session.settings_file import load
 from cogrip.cli.session.two_arms import as_flags, check_two, join_two
 from cogrip.cli.session.view_child import GivenLink, PageOptions, ViewChild, given_link, is_web, open_view
+from cogrip.cli.settings.before_run import AllowUnstable, refuse_hardware
+from cogrip.cli.settings.settings_file import load
 from cogrip.cli.terminal.output import make_console
 from cogrip.cli.terminal.parameters import Quiet, Record, Report, Runs
 from cogrip.cli.terminal.problem import BadInput, Problem, above_zero
@@ -41,14 +41,14 @@ from cogrip.client.rendered_damper import OverloadError
 from cogrip.devices.device import DeviceError
 from cogrip.devices.simulated.device import SimulatedDevice
 from cogrip.devices.web.family import public
-from cogrip.protocol.io.stop import Stop, on_signals
+from cogrip.machine.stop import Stop, on_signals
 from cogrip.protocol.session import IN_ORDER, SECONDS_OVER, ClientSession
 from cogrip.protocol.settings import SeatSettings, Settings
 from cogrip.protocol.settings_digest import digest
-from cogrip.sim.runs.folder import client_recording, write_account, write_warnings
-from cogrip.sim.runs.summary import of_client
-from cogrip.sim.runs.verdict import succeeded, why_not
-from cogrip.sim.session.link import LinkEmulator
+from cogrip.results.folder import client_recording, write_account, write_warnings
+from cogrip.results.summary import of_client
+from cogrip.results.verdict import succeeded, why_not
+from cogrip.sim.link import LinkEmulator
 
 LACKING = ("recording stopped",)  # counts of what a recording lacks, by fault of its disk
 NO_NAME = "an observer has no seat: --name has no effect"

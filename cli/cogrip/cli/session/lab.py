@@ -6,16 +6,16 @@ from time import perf_counter
 from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
 
 from cogrip.cli.runs.run_folder import new_run_folder
-from cogrip.cli.session.before_run import AllowUnstable, check_settings
 from cogrip.cli.session.network_rate import RateChoices, stated, write_choice
 from cogrip.cli.session.python_worlds import PythonWorlds, allow_python_worlds
-from cogrip.cli.session.settings_file import load, refuse_real, try_hands, with_people
+from cogrip.cli.settings.before_run import AllowUnstable, check_settings
+from cogrip.cli.settings.settings_file import load, refuse_real, try_hands, with_people
 from cogrip.cli.terminal.output import Json, make_console, write_text
 from cogrip.cli.terminal.parameters import Config, Devices, Hands, Overrides, Runs
-from cogrip.protocol.io.stop import Stop, on_signals
-from cogrip.sim.runs.folder import summary_text, write_warnings
-from cogrip.sim.runs.laboratory_run import run_laboratory
-from cogrip.sim.runs.verdict import succeeded
+from cogrip.machine.stop import Stop, on_signals
+from cogrip.results.folder import summary_text, write_warnings
+from cogrip.results.laboratory_run import run_laboratory
+from cogrip.results.verdict import succeeded
 
 
 def lab(
@@ -59,7 +59,7 @@ def lab(
         write_text(summary_text(summary), json)
     else:
         from cogrip.cli.runs.summary_table import terminal_summary
-        from cogrip.sim.runs.report.page import write_report
+        from cogrip.results.report.page import write_report
 
         assert folder is not None
         write_choice(folder, rates.found.get(settings.name))

@@ -19,14 +19,14 @@ from rich.text import Text
 
 from cogrip.cli.terminal.screen import draw_below
 from cogrip.cli.terminal.tables import Fitted, clock, plain_table, shortened
-from cogrip.protocol.addition import add_integers
+from cogrip.machine.addition import add_integers
 from cogrip.protocol.recording.reader import Follower, Message, RecordingError
 from cogrip.protocol.recording.records import Record, Row, SeatStep, Step, Tick
+from cogrip.results.folder import SERVER_RECORDING, client_recording
 from cogrip.server.io.control import ControlError, Who, ask
 from cogrip.server.io.state_folder import StateFolder
 from cogrip.server.recorder import step_topic
 from cogrip.server.roster import RosterEntry
-from cogrip.sim.runs.folder import SERVER_RECORDING, client_recording
 
 R = TypeVar("R", bound=Record)
 

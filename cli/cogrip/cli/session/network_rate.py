@@ -6,14 +6,14 @@ from pathlib import Path
 import msgspec
 from msgspec.structs import replace
 
-from cogrip.protocol.io.platform import time
+from cogrip.machine.platform import time
 from cogrip.protocol.network_rate import OUTSIDE_S, RATES_HZ, RateChoice, stated_frame_s
 from cogrip.protocol.settings import Settings, best_network_hz, for_remote_clients
 from cogrip.protocol.settings_digest import digest
+from cogrip.results.folder import write_whole
 from cogrip.server.checkpoint import CheckpointError, decode
 from cogrip.server.io import checkpoint_file
 from cogrip.server.io.state_folder import StateError, StateFolder
-from cogrip.sim.runs.folder import write_whole
 
 FILE = "network_rate.json"
 Choose = Callable[[Settings], RateChoice]

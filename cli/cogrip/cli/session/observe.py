@@ -11,7 +11,7 @@ from cogrip.cli.terminal.tables import plain_table
 from cogrip.client.io.paths import JoinError, Paths
 from cogrip.client.observer import ObserverCore
 from cogrip.client.observer_loop import LiveObserver
-from cogrip.protocol.io.stop import Stop
+from cogrip.machine.stop import Stop
 from cogrip.protocol.session import ClientSession
 
 TABLE_EVERY_NS = 100_000_000

@@ -11,22 +11,22 @@ from rich.console import Console
 from rich.table import Table
 
 from cogrip.cli.session.log_lines import LogLines
-from cogrip.cli.session.settings_file import from_flags, load
+from cogrip.cli.settings.settings_file import from_flags, load
 from cogrip.cli.terminal.output import Json, make_console, write_json
 from cogrip.cli.terminal.parameters import Overrides
 from cogrip.cli.terminal.problem import BadInput, Problem, some_time, within
 from cogrip.cli.terminal.tables import Fitted, plain_table, wrapped
 from cogrip.cli.terminal.tables import say as say_lines
+from cogrip.machine.stop import Stop, on_signals
 from cogrip.protocol.channel import place_text
-from cogrip.protocol.io.stop import Stop, on_signals
 from cogrip.protocol.join_link import DEFAULT_PORT, LinkError, split_place
 from cogrip.protocol.link_profile import Direction, Link
 from cogrip.protocol.network_profiles import ProfileName
-from cogrip.sim.session.delay_trace import TraceError, read_trace
-from cogrip.sim.session.io.relay_loop import LiveRelay, PlaceError, RelayError
-from cogrip.sim.session.link import LinkEmulator, configured_link
-from cogrip.sim.session.outages import ScriptError, read_script
-from cogrip.sim.session.relay import Relay
+from cogrip.sim.delay_trace import TraceError, read_trace
+from cogrip.sim.io.relay_loop import LiveRelay, PlaceError, RelayError
+from cogrip.sim.link import LinkEmulator, configured_link
+from cogrip.sim.outages import ScriptError, read_script
+from cogrip.sim.relay import Relay
 
 RELAY_PORT = DEFAULT_PORT + 1
 DIRECTIONS: tuple[Direction, Direction] = ("up", "down")

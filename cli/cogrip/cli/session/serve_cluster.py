@@ -15,8 +15,8 @@ from cogrip.cli.session.log_lines import LogLines
 from cogrip.cli.session.served_rooms import is_loopback
 from cogrip.cli.session.server_state import front_channel_of, public_place
 from cogrip.cli.terminal.problem import BadInput, Problem
+from cogrip.machine.stop import Stop
 from cogrip.protocol.channel import place_text
-from cogrip.protocol.io.stop import Stop
 from cogrip.protocol.network_rate import RateChoice
 from cogrip.protocol.settings import Settings
 from cogrip.protocol.version import VERSION

@@ -15,9 +15,9 @@ from cogrip.cli.session.log_lines import LogLines
 from cogrip.cli.session.server_state import front_channel_of
 from cogrip.cli.session.worker import Job
 from cogrip.cli.terminal.problem import BadInput, Problem
+from cogrip.machine.platform import system
+from cogrip.machine.stop import Stop
 from cogrip.protocol.channel import Address
-from cogrip.protocol.io.platform import system
-from cogrip.protocol.io.stop import Stop
 from cogrip.protocol.network_rate import RateChoice
 from cogrip.protocol.settings import Settings
 from cogrip.protocol.version import VERSION

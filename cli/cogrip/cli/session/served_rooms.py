@@ -9,12 +9,12 @@ from typing import Literal
 
 import msgspec
 
-from cogrip.cli.session.before_run import scene_warnings, together
 from cogrip.cli.session.network_rate import RateChoices
-from cogrip.cli.session.settings_file import load
+from cogrip.cli.settings.before_run import scene_warnings, together
+from cogrip.cli.settings.settings_file import load
 from cogrip.cli.terminal.problem import BadInput, within
 from cogrip.devices.device import DeviceError
-from cogrip.protocol.io.platform import system
+from cogrip.machine.platform import system
 from cogrip.protocol.settings import Settings, not_passive
 from cogrip.server.events import ServerEvent
 
@@ -105,8 +105,8 @@ def warn_of(rooms: Sequence[Settings], bound: tuple[str, int], encrypted: bool, 
 
 def _advice_on(settings: Settings) -> tuple[str, ...]:
     """Return where a room is not stable, passive or fit for its devices, in the words of `cogrip advise`."""
-    from cogrip.sim.analysis.advice import advise
-    from cogrip.sim.analysis.linear_session import ModelError
+    from cogrip.analysis.advice import advise
+    from cogrip.analysis.linear_session import ModelError
 
     try:
         return scene_warnings(settings) if settings.object.kind == "scene" else advise(settings).warnings

@@ -15,13 +15,13 @@ from dataclasses import dataclass, field
 
 from rich.console import Console
 
-from cogrip.cli.session.before_run import HELD_BY_NOBODY
 from cogrip.cli.session.children import end_all, reason_in, start_tethered
 from cogrip.cli.session.joined_device import make_joined
+from cogrip.cli.settings.before_run import HELD_BY_NOBODY
 from cogrip.cli.terminal.platform import no_stop_key
 from cogrip.cli.terminal.problem import BadInput, Problem
-from cogrip.protocol.io.platform import system
-from cogrip.protocol.io.stop import Stop, on_signals
+from cogrip.machine.platform import system
+from cogrip.machine.stop import Stop, on_signals
 from cogrip.protocol.settings import Settings
 
 LOOK_EVERY_S = 0.02

@@ -15,7 +15,7 @@ from cogrip.cli.terminal.output import make_console
 from cogrip.cli.terminal.parameters import RunsBelow
 from cogrip.cli.terminal.problem import BadInput, Problem, above_zero, within
 from cogrip.client.io.paths import JoinError, find
-from cogrip.protocol.io.stop import Stop, on_signals
+from cogrip.machine.stop import Stop, on_signals
 from cogrip.protocol.session import ClientSession
 from cogrip.view.io.feed import Feed, LiveFeed, RecordedFeed
 from cogrip.view.io.hand_link import HandLink

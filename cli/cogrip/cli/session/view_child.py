@@ -15,7 +15,7 @@ from typing import Self
 from cogrip.cli.session.front_ends import front_ends
 from cogrip.cli.terminal.problem import BadInput, Problem, within
 from cogrip.devices.web.family import NAMES
-from cogrip.protocol.io.platform import system
+from cogrip.machine.platform import system
 
 END_LIMIT_S = 3.0
 GONE = "the page's process has ended; the session goes on without it"

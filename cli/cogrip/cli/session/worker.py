@@ -13,10 +13,11 @@ from typing import Literal
 import msgspec
 
 from cogrip.cli.session.log_lines import LogLines
-from cogrip.protocol.io.stop import Stop
+from cogrip.machine.stop import Stop
 from cogrip.protocol.network_rate import RateChoice
 from cogrip.protocol.settings import Settings
 from cogrip.protocol.version import VERSION
+from cogrip.results.folder import SERVER_RECORDING, write_settings
 from cogrip.server.io.housekeeping import Housekeeping
 from cogrip.server.io.platform import content_of
 from cogrip.server.io.state_folder import StateFolder
@@ -28,7 +29,6 @@ from cogrip.server.io.workers.verdicts import FrontVerdicts
 from cogrip.server.loop import LiveServer
 from cogrip.server.rate_limit import RateLimiter, limits_for
 from cogrip.server.room import Room
-from cogrip.sim.runs.folder import SERVER_RECORDING, write_settings
 
 
 class Job(msgspec.Struct, frozen=True):
@@ -99,8 +99,8 @@ def conclude(server: LiveServer, job: Job, losses: dict[str, int], lines: LogLin
     from cogrip.cli.runs.run_folder import leave_files  # people who lost their server wait for a worker's start
     from cogrip.cli.session.network_rate import write_choice
     from cogrip.cli.terminal.output import make_console
-    from cogrip.sim.runs.summary import of_room
-    from cogrip.sim.runs.verdict import came, succeeded
+    from cogrip.results.summary import of_room
+    from cogrip.results.verdict import came, succeeded
 
     if lines.lost:
         losses["log line"] = lines.lost

@@ -3,10 +3,10 @@
 import sys
 
 if __name__ == "__main__":
-    from cogrip.protocol.io.platform import system
+    from cogrip.machine.platform import system
 
     system.ignore_end_signals()  # they reach the front, and it ends this process by the link
-    from cogrip.protocol.io.large_pages import use_large_pages
+    from cogrip.machine.large_pages import use_large_pages
 
     use_large_pages()
     from cogrip.cli.session.worker import main

@@ -7,8 +7,16 @@ from typing import Any
 from rich.table import Table
 from rich.text import Text
 
+from cogrip.analysis.advice import AMPLE, Advice, advise
+from cogrip.analysis.advice_change import Change, ranked_changes
+from cogrip.analysis.delay_budget import Stage, budget, total_s
+from cogrip.analysis.finding import Finding, in_rows, plain
+from cogrip.analysis.laboratory_check import Check, check, checked_change, checked_stiffest
+from cogrip.analysis.line_advice import own_world_findings
+from cogrip.analysis.linear_session import LinearSession, ModelError, linear_session
+from cogrip.analysis.stiffest import NEARLY, Stiffest, stiffest
 from cogrip.cli.session.python_worlds import PythonWorlds, allow_python_worlds
-from cogrip.cli.session.settings_file import load, with_people
+from cogrip.cli.settings.settings_file import load, with_people
 from cogrip.cli.study.analysis_query import AS_IT_STANDS, Query
 from cogrip.cli.terminal.output import Json, make_console, write_json
 from cogrip.cli.terminal.parameters import Config, Devices, Overrides
@@ -16,14 +24,6 @@ from cogrip.cli.terminal.problem import BadInput
 from cogrip.devices.device import DeviceError
 from cogrip.protocol.object_kinds import kind_of
 from cogrip.protocol.settings import Settings
-from cogrip.sim.analysis.advice import AMPLE, Advice, advise
-from cogrip.sim.analysis.advice_change import Change, ranked_changes
-from cogrip.sim.analysis.delay_budget import Stage, budget, total_s
-from cogrip.sim.analysis.finding import Finding, in_rows, plain
-from cogrip.sim.analysis.line_advice import own_world_findings
-from cogrip.sim.analysis.linear_session import LinearSession, ModelError, linear_session
-from cogrip.sim.analysis.stiffest import NEARLY, Stiffest, stiffest
-from cogrip.sim.session.laboratory_check import Check, check, checked_change, checked_stiffest
 
 
 def advise_command(
@@ -89,8 +89,8 @@ def _without_model(settings: Settings, laboratory: bool, json: Json) -> int:
     """Advise on a scene or a world of one's own: what can be said of devices, line and contact, and what a session shows."""
     with BadInput.of(ValueError):  # a SceneError
         if settings.object.kind == "scene":
-            from cogrip.sim.analysis.scene_advice import scene_findings  # with MuJoCo
-            from cogrip.sim.analysis.scene_pushed import pushed
+            from cogrip.analysis.scene_advice import scene_findings  # with MuJoCo
+            from cogrip.analysis.scene_pushed import pushed
 
             findings = [*scene_findings(settings), pushed(settings)]
         else:

@@ -6,15 +6,8 @@ from typing import Annotated
 
 from cyclopts import Parameter
 
-from cogrip.cli.session.settings_file import load
-from cogrip.cli.terminal.output import Json, make_console
-from cogrip.cli.terminal.parameters import Overrides
-from cogrip.cli.terminal.problem import BadInput
-from cogrip.cli.terminal.tables import say
-from cogrip.devices.device import DeviceError
-from cogrip.protocol.settings import Settings
-from cogrip.sim.analysis.lifted_model import LiftedModel
-from cogrip.sim.analysis.linear_session import (
+from cogrip.analysis.lifted_model import LiftedModel
+from cogrip.analysis.linear_session import (
     LinearSession,
     ModelError,
     Scheme,
@@ -22,6 +15,13 @@ from cogrip.sim.analysis.linear_session import (
     rounding_notes,
     scheme_overrides,
 )  # fmt: skip
+from cogrip.cli.settings.settings_file import load
+from cogrip.cli.terminal.output import Json, make_console
+from cogrip.cli.terminal.parameters import Overrides
+from cogrip.cli.terminal.problem import BadInput
+from cogrip.cli.terminal.tables import say
+from cogrip.devices.device import DeviceError
+from cogrip.protocol.settings import Settings
 
 
 @Parameter(name="*")

@@ -10,16 +10,14 @@ from rich.table import Table
 from rich.text import Text
 
 from cogrip.cli.runs.run_folder import new_run_folder
-from cogrip.cli.session.before_run import AllowUnstable, check_compared, check_plausible
-from cogrip.cli.session.settings_file import load, try_hands, with_people
+from cogrip.cli.settings.before_run import AllowUnstable, check_compared, check_plausible
+from cogrip.cli.settings.settings_file import load, try_hands, with_people
 from cogrip.cli.terminal.output import Json, make_console, write_json
 from cogrip.cli.terminal.parameters import Hands, Overrides, Runs, Workers
 from cogrip.cli.terminal.problem import BadInput, Problem, at_least_one
 from cogrip.cli.terminal.tables import Fitted, plain_table
-from cogrip.protocol.io.stop import Stop, on_signals
-from cogrip.protocol.settings import Settings
-from cogrip.sim.experiments.folder import ExperimentFolder, FolderError
-from cogrip.sim.experiments.methods.method import (
+from cogrip.experiments.folder import ExperimentFolder, FolderError
+from cogrip.experiments.methods.method import (
     CLEAN,
     METHODS,
     NETWORKS,
@@ -29,11 +27,14 @@ from cogrip.sim.experiments.methods.method import (
     methods_of,
     session_settings,
 )
-from cogrip.sim.experiments.methods.query import Comparison, prepare
-from cogrip.sim.experiments.methods.table import cells, columns_of, notes, ours_failed, tone
-from cogrip.sim.experiments.runner import run_experiment
-from cogrip.sim.experiments.worker_pool import LocalWorkers
-from cogrip.sim.runs.folder import finite
+from cogrip.experiments.methods.query import Comparison, prepare
+from cogrip.experiments.methods.table import cells, columns_of, notes, tone
+from cogrip.experiments.runner import run_experiment
+from cogrip.experiments.worker_pool import LocalWorkers
+from cogrip.machine.stop import Stop, on_signals
+from cogrip.protocol.settings import Settings
+from cogrip.results.compared_methods import ours_failed
+from cogrip.results.folder import finite
 
 SEEDS = 20
 _PIPED_WIDTH = 160
@@ -156,7 +157,7 @@ class _Progress:
 def _write(asked: Comparison, folder: ExperimentFolder, json: str | None, console: Console) -> bool:
     """Write files, table, answer. Return whether a session could not be run, or ours was not passive."""
     with console.status("writing the report"):
-        from cogrip.sim.experiments.methods.report import REPORT, write_outcome
+        from cogrip.experiments.methods.report import REPORT, write_outcome
 
         summary = write_outcome(folder.path, asked, folder.finished)
     if json:

@@ -5,15 +5,15 @@ from pathlib import Path
 import numpy as np
 from rich.table import Table
 
+from cogrip.analysis.delay_budget import budget, total_s
+from cogrip.analysis.feel import conditions
+from cogrip.analysis.free_end import free_end, free_end_record, free_end_text
+from cogrip.analysis.linear_session import LinearSession
 from cogrip.cli.study.analysis_query import AS_IT_STANDS, ModelQuery
 from cogrip.cli.terminal.output import make_console, write_json
 from cogrip.cli.terminal.parameters import Config
 from cogrip.cli.terminal.problem import BadInput, Problem
 from cogrip.cli.terminal.tables import say
-from cogrip.sim.analysis.delay_budget import budget, total_s
-from cogrip.sim.analysis.feel import conditions
-from cogrip.sim.analysis.free_end import free_end, free_end_record, free_end_text
-from cogrip.sim.analysis.linear_session import LinearSession
 
 
 def feel(config: Config, /, *, user: int = 0, query: ModelQuery = AS_IT_STANDS, out: Path | None = None) -> int:
@@ -36,8 +36,8 @@ def feel(config: Config, /, *, user: int = 0, query: ModelQuery = AS_IT_STANDS, 
     else:
         _tell(session, user)
     if out is not None:
-        from cogrip.sim.analysis.figures.feel import feel_page
-        from cogrip.sim.analysis.figures.page import save_page
+        from cogrip.analysis.figures.feel import feel_page
+        from cogrip.analysis.figures.page import save_page
 
         with Problem.of(OSError, where=f"--out {out}: cannot be written: "):
             paths = save_page(out, feel_page(session, user))

@@ -5,10 +5,10 @@ from typing import Annotated
 
 from cyclopts import Parameter
 
+from cogrip.analysis.figures.page import save_page
+from cogrip.analysis.figures.registry import FIGURES
 from cogrip.cli.terminal.output import make_console
 from cogrip.cli.terminal.problem import BadInput, Problem
-from cogrip.sim.analysis.figures.page import save_page
-from cogrip.sim.analysis.figures.registry import FIGURES
 
 
 def figures(*names: Annotated[str, Parameter(required=False)], out: Path = Path("figures")) -> int:

@@ -19,17 +19,17 @@ from cogrip.cli.study.pages import Pages
 from cogrip.cli.study.terminal_people import ORDERS, Keys
 from cogrip.cli.terminal.problem import Problem
 from cogrip.client.io.paths import JoinError
-from cogrip.protocol.io.stop import Stop
+from cogrip.experiments.study.conductor import Ended, Quit
+from cogrip.experiments.study.study_file import Study
+from cogrip.experiments.study.trial import Event, TrialState, begun_by, ended_by
+from cogrip.machine.stop import Stop
 from cogrip.protocol.recording.records import Step
 from cogrip.protocol.session import ClientSession
 from cogrip.protocol.settings import Settings, User
+from cogrip.results.folder import SETTINGS, client_log, write_settings
+from cogrip.results.measures.goal import Goal, GoalWatch
 from cogrip.server.io.control import Mark, ask
 from cogrip.server.io.state_folder import StateError, find_folder
-from cogrip.sim.experiments.study.conductor import Ended, Quit
-from cogrip.sim.experiments.study.study_file import Study
-from cogrip.sim.experiments.study.trial import Event, TrialState, begun_by, ended_by
-from cogrip.sim.runs.folder import SETTINGS, client_log, write_settings
-from cogrip.sim.runs.measures.goal import Goal, GoalWatch
 from cogrip.view.io.feed import LiveFeed
 from cogrip.view.panel import Prompt
 

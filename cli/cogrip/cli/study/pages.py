@@ -10,8 +10,8 @@ import msgspec
 from rich.console import Console
 
 from cogrip.cli.terminal.problem import Problem
-from cogrip.sim.experiments.study.questions import MOST_TEXT, TLX_MOST, TLX_STEP, Item
-from cogrip.sim.experiments.study.study_file import Study
+from cogrip.experiments.study.questions import MOST_TEXT, TLX_MOST, TLX_STEP, Item
+from cogrip.experiments.study.study_file import Study
 from cogrip.view.io.process import PortError, open_browser
 from cogrip.view.io.study_page import StudyPage, new_token
 from cogrip.view.panel import PanelMessage, PanelState, Prompt, Target

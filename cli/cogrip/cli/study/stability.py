@@ -4,15 +4,15 @@ from pathlib import Path
 
 from cyclopts import App
 
+from cogrip.analysis.free_end import free_end, free_end_text
+from cogrip.analysis.linear_session import FORMS, ModelError
+from cogrip.analysis.stability import largest_stable, verdict
 from cogrip.cli.study.analysis_query import AS_IT_STANDS, ModelQuery, Query
 from cogrip.cli.terminal.output import make_console, write_json
 from cogrip.cli.terminal.parameters import Config
 from cogrip.cli.terminal.problem import BadInput, Problem
 from cogrip.cli.terminal.tables import say
 from cogrip.devices.device import DeviceError
-from cogrip.sim.analysis.free_end import free_end, free_end_text
-from cogrip.sim.analysis.linear_session import FORMS, ModelError
-from cogrip.sim.analysis.stability import largest_stable, verdict
 
 stability = App(name="stability")
 
@@ -98,9 +98,9 @@ def region(
     grid
         Also compute a dense grid of so many cells a side, into the CSV and as a thin contour.
     """
-    from cogrip.sim.analysis.figures.page import FilesInTheWayError, save_page
-    from cogrip.sim.analysis.figures.region import extent, frames, region_page, region_record
-    from cogrip.sim.analysis.region import regions
+    from cogrip.analysis.figures.page import FilesInTheWayError, save_page
+    from cogrip.analysis.figures.region import extent, frames, region_page, region_record
+    from cogrip.analysis.region import regions
 
     settings = query.settings(config)
     delays = _numbers(delays_frames, "--delays-frames")

@@ -10,25 +10,25 @@ from typing import Annotated, Any
 from cyclopts import Parameter
 from rich.console import Console
 
-from cogrip.cli.session.before_run import AllowUnstable
 from cogrip.cli.session.trigger_line import try_trigger
 from cogrip.cli.session.view_child import is_web
+from cogrip.cli.settings.before_run import AllowUnstable
 from cogrip.cli.study.study_source import STUDIES, load_study
 from cogrip.cli.terminal.output import make_console
 from cogrip.cli.terminal.problem import BadInput, Problem, within
 from cogrip.cli.terminal.tables import plain_table
-from cogrip.protocol.addition import add_integers
-from cogrip.protocol.io.platform import system
-from cogrip.protocol.io.stop import Stop, on_signals
+from cogrip.experiments.study.conductor import Conducted, Conductor, People, Sessions
+from cogrip.experiments.study.journal import StudyFolder
+from cogrip.experiments.study.laboratory_trial import LaboratorySessions
+from cogrip.experiments.study.orders import unfilled
+from cogrip.experiments.study.plan import planned
+from cogrip.experiments.study.simulated import SimulatedPeople
+from cogrip.experiments.study.study_file import BASE, Study, StudyError
+from cogrip.experiments.study.table import caught, thresholds
+from cogrip.machine.addition import add_integers
+from cogrip.machine.platform import system
+from cogrip.machine.stop import Stop, on_signals
 from cogrip.protocol.join_link import DEFAULT_PORT
-from cogrip.sim.experiments.study.conductor import Conducted, Conductor, People, Sessions
-from cogrip.sim.experiments.study.journal import StudyFolder
-from cogrip.sim.experiments.study.laboratory_trial import LaboratorySessions
-from cogrip.sim.experiments.study.orders import unfilled
-from cogrip.sim.experiments.study.plan import planned
-from cogrip.sim.experiments.study.simulated import SimulatedPeople
-from cogrip.sim.experiments.study.study_file import BASE, Study, StudyError
-from cogrip.sim.experiments.study.table import caught, thresholds
 
 
 def study(

@@ -6,12 +6,12 @@ from typing import Any
 
 import msgspec
 
-from cogrip.cli.session.before_run import check_settings
-from cogrip.cli.session.settings_file import load, place_files, refuse_real, try_session
-from cogrip.cli.session.shipped_settings import SUFFIX, is_name, shipped_folder
+from cogrip.cli.settings.before_run import check_settings
+from cogrip.cli.settings.settings_file import load, place_files, refuse_real, try_session
+from cogrip.cli.settings.shipped_settings import SUFFIX, is_name, shipped_folder
 from cogrip.cli.terminal.problem import BadInput
+from cogrip.experiments.study.study_file import Study, StudyError, check, read_study
 from cogrip.protocol.settings import Settings
-from cogrip.sim.experiments.study.study_file import Study, StudyError, check, read_study
 
 STUDIES = "studies"
 

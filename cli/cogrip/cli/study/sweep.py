@@ -8,24 +8,24 @@ from cyclopts import Parameter
 from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
 
-from cogrip.cli.session.before_run import check_plausible
-from cogrip.cli.session.settings_file import load, try_hands
+from cogrip.cli.settings.before_run import check_plausible
+from cogrip.cli.settings.settings_file import load, try_hands
 from cogrip.cli.terminal.output import Json, make_console, write_json
 from cogrip.cli.terminal.parameters import Config, Overrides
 from cogrip.cli.terminal.parameters import Workers as WorkerCount
 from cogrip.cli.terminal.problem import BadInput, Problem, at_least_one
-from cogrip.protocol.addition import add_integers
-from cogrip.protocol.io.stop import Stop, on_signals
-from cogrip.sim.experiments.experiment import Workers
-from cogrip.sim.experiments.folder import ExperimentFolder, FolderError
-from cogrip.sim.experiments.ray_cluster import ClusterError, RayWorkers
-from cogrip.sim.experiments.runner import Outcome, run_experiment
-from cogrip.sim.experiments.sweep.grid import GridError, parse_axis
-from cogrip.sim.experiments.sweep.measures import MeasureError, defaults, needs_session
-from cogrip.sim.experiments.sweep.picture import draw_measure
-from cogrip.sim.experiments.sweep.query import Sweep, prepare
-from cogrip.sim.experiments.worker_pool import LocalWorkers
-from cogrip.sim.runs.plots.style import NotDrawnError, png
+from cogrip.experiments.experiment import Workers
+from cogrip.experiments.folder import ExperimentFolder, FolderError
+from cogrip.experiments.ray_cluster import ClusterError, RayWorkers
+from cogrip.experiments.runner import Outcome, run_experiment
+from cogrip.experiments.sweep.grid import GridError, parse_axis
+from cogrip.experiments.sweep.measures import MeasureError, defaults, needs_session
+from cogrip.experiments.sweep.picture import draw_measure
+from cogrip.experiments.sweep.query import Sweep, prepare
+from cogrip.experiments.worker_pool import LocalWorkers
+from cogrip.machine.addition import add_integers
+from cogrip.machine.stop import Stop, on_signals
+from cogrip.results.plots.style import NotDrawnError, png
 
 MOST_PICTURES = 12
 
@@ -105,7 +105,7 @@ def _pool(cluster: str | None, address: str, workers: int | None, stop: Stop) ->
 
 
 def _draw(asked: Sweep, folder: ExperimentFolder, console: Console) -> list[Path]:
-    from cogrip.sim.analysis.figures.page import svg
+    from cogrip.analysis.figures.page import svg
 
     paths: list[Path] = []
     for column in asked.columns[:MOST_PICTURES]:

@@ -7,10 +7,10 @@ from cyclopts import Parameter
 
 from cogrip.cli.terminal.output import make_console
 from cogrip.cli.terminal.problem import BadInput, Problem
-from cogrip.sim.experiments.study.fitts import COLUMNS, ENOUGH, FEWEST, pointing, rows_of, throughputs
-from cogrip.sim.experiments.study.study_file import StudyError
-from cogrip.sim.experiments.study.table import read_table, write_columns, write_table
-from cogrip.sim.runs.export import ExportError, Format
+from cogrip.experiments.study.fitts import COLUMNS, ENOUGH, FEWEST, pointing, rows_of, throughputs
+from cogrip.experiments.study.study_file import StudyError
+from cogrip.experiments.study.table import read_table, write_columns, write_table
+from cogrip.results.export import ExportError, Format
 
 
 def table(
@@ -60,7 +60,7 @@ def table(
                     f"{more if value.within_bitps > ENOUGH * value.bitps else ''})"
                 )
         if figures:
-            from cogrip.sim.experiments.study.figures import write_figures
+            from cogrip.experiments.study.figures import write_figures
 
             for drawn in write_figures(found, study / "figures"):
                 console.print(f"figure: {drawn}")

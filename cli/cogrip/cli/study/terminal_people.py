@@ -10,11 +10,11 @@ from pathlib import Path
 from rich.console import Console
 
 from cogrip.cli.study.pages import Pages, prompt_of
-from cogrip.protocol.io.stop import Stop
-from cogrip.sim.experiments.study.conductor import Quit
-from cogrip.sim.experiments.study.plan import Trial
-from cogrip.sim.experiments.study.questions import Answer, AnswerError, Item
-from cogrip.sim.experiments.study.trial import Event, TrialState
+from cogrip.experiments.study.conductor import Quit
+from cogrip.experiments.study.plan import Trial
+from cogrip.experiments.study.questions import Answer, AnswerError, Item
+from cogrip.experiments.study.trial import Event, TrialState
+from cogrip.machine.stop import Stop
 from cogrip.view.panel import Prompt
 
 ORDERS = {"p": Event.PAUSE, "r": Event.REPEAT, "a": Event.ABANDON}

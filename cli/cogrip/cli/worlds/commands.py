@@ -7,7 +7,7 @@ from cogrip.cli.worlds.listing import world_list
 
 COMMANDS = {
     "list": ("worlds.listing:world_list", "List the kinds of object, and where each comes from."),
-    "check": ("worlds.check:world_check", "Run the conformance suite on one world."),
+    "check": ("worlds.check:world_check", "Run the conformance suite on one world, or tell what becomes of a scene."),
 }
 
 worlds = App(name="worlds")

@@ -3,7 +3,7 @@
 from math import pi, sin
 
 from cogrip.client.effects.laws import ActiveLaw, Box, Row, unit
-from cogrip.protocol.addition import add_floats
+from cogrip.machine.addition import add_floats
 from cogrip.protocol.effects import Effect
 
 

@@ -26,8 +26,8 @@ from cogrip.client.hand_aids import part_of
 from cogrip.client.hand_map import HandMap
 from cogrip.client.safety import Safety
 from cogrip.devices.device import Capability
+from cogrip.machine.addition import add_floats
 from cogrip.protocol.accounts import EffectAccount
-from cogrip.protocol.addition import add_floats
 from cogrip.protocol.effects import MOST_EFFECTS, Effect, EffectKind, unfit_effect
 from cogrip.protocol.messages import Effects
 from cogrip.protocol.setting_types import PLACES

@@ -8,7 +8,7 @@ from itertools import pairwise
 from math import sqrt
 
 from cogrip.client.effects.laws import NOTHING, Box, Felt, PassiveLaw, Row, unit
-from cogrip.protocol.addition import add_floats
+from cogrip.machine.addition import add_floats
 from cogrip.protocol.effects import Effect
 
 _STEEPEST = 16.0 / (25.0 * sqrt(5.0))  # of r (1 - r^2)^2, at r^2 = 1/5

@@ -7,7 +7,7 @@ from cogrip.client.recorder import RecordedClient
 
 
 class Link(Protocol):
-    """An emulated direction; `cogrip.sim.session.link.LinkEmulator` is one."""
+    """An emulated direction; `cogrip.sim.link.LinkEmulator` is one."""
 
     @property
     def next_ns(self) -> int | None: ...

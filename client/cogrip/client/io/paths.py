@@ -13,10 +13,10 @@ from typing import Any, Protocol
 
 from cogrip.client.inputs import Connect, Poll
 from cogrip.client.path_migration import PathMigration
+from cogrip.machine.datagrams import open_arrivals
+from cogrip.machine.platform import system, time
+from cogrip.machine.stop import Stop
 from cogrip.protocol.channel import PEER, Channel, place_text
-from cogrip.protocol.io.datagrams import open_arrivals
-from cogrip.protocol.io.platform import system, time
-from cogrip.protocol.io.stop import Stop
 from cogrip.protocol.join_link import LinkError, split_place
 from cogrip.protocol.messages import MAX_DATAGRAM_BYTES, Redirect
 from cogrip.protocol.session import GIVE_UP_NS, MOST_REDIRECTS, ClientSession

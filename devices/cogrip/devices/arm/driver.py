@@ -17,7 +17,7 @@ from cogrip.devices.arm.pose import Calibration, KnownPose, OwnLosses, Store, dr
 from cogrip.devices.device import Capability, DeviceError, Sample
 from cogrip.devices.driver import Driver
 from cogrip.devices.way_in import into_sphere
-from cogrip.protocol.addition import add_floats
+from cogrip.machine.addition import add_floats
 from cogrip.protocol.rotations import Quaternion
 
 HEADROOM = 0.92  # of the peak force: currents are those of where the arm was, and hold while it moves on

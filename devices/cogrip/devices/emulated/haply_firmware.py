@@ -15,7 +15,7 @@ from math import isfinite
 from cogrip.devices.emulated.faults import Faults
 from cogrip.devices.emulated.firmware import Firmware
 from cogrip.devices.emulated.mechanics import Mechanics
-from cogrip.protocol.addition import add_integers
+from cogrip.machine.addition import add_integers
 
 MOST_NM = 0.123
 FULL_DUTY = 4095

@@ -13,7 +13,7 @@ from dataclasses import dataclass
 from math import isfinite
 
 from cogrip.devices.arm.exchange import Reading
-from cogrip.protocol.addition import add_integers
+from cogrip.machine.addition import add_integers
 
 RESET, SETUP, TORQUE = 0, 1, 2
 PORTS = (1, 2, 3, 4)

@@ -17,7 +17,7 @@ from msgspec import Meta
 
 from cogrip.devices.arm.exchange import Reading
 from cogrip.devices.device import DeviceError
-from cogrip.protocol.addition import add_integers
+from cogrip.machine.addition import add_integers
 
 FARTHEST_M = 2.0  # a cursor farther from its base than any arm is long
 UNIT = 0.01  # an orientation's norm may differ from 1 by so much

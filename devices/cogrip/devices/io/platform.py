@@ -1,4 +1,4 @@
-"""Functions of the operating system for drivers and emulators, beyond `cogrip.protocol.io.platform`.
+"""Functions of the operating system for drivers and emulators, beyond `cogrip.machine.platform`.
 
 Windows has no port that two processes share, so no guard process: Haply's boards are refused. It has no pseudo-terminal and no
 local socket that keeps messages apart, so no emulated device on a wire: `emulated:NAME` stands for both.

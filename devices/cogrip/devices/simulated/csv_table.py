@@ -14,7 +14,7 @@ from pathlib import Path
 
 from cogrip.devices.device import DeviceError
 from cogrip.devices.settings import unknown
-from cogrip.protocol.addition import add_integers
+from cogrip.machine.addition import add_integers
 
 SEPARATORS = {",": "comma", ";": "semicolon", "\t": "tab"}
 METRES = {"m": 1.0, "cm": 1e-2, "mm": 1e-3, "um": 1e-6, "µm": 1e-6, "μm": 1e-6}

@@ -9,7 +9,7 @@ from cogrip.devices.driver import Driver
 from cogrip.devices.settings import fit_axes
 from cogrip.devices.simulated.hands import Hand
 from cogrip.devices.simulated.presses import Press
-from cogrip.protocol.addition import add_integers
+from cogrip.machine.addition import add_integers
 
 
 class Plant(Protocol):

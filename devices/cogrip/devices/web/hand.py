@@ -17,7 +17,7 @@ import msgspec
 from cogrip.devices.settings import Positive
 from cogrip.devices.simulated.hands import Vector
 from cogrip.devices.simulated.phantom import PhantomPlant
-from cogrip.protocol.addition import add_floats
+from cogrip.machine.addition import add_floats
 from cogrip.protocol.settings import HUMAN_POWER_W
 
 BURST_S = 0.05  # of the power: the most that the energy budget holds

@@ -1,4 +1,4 @@
-from cogrip.protocol.io.ring cimport Ring
+from cogrip.machine.ring cimport Ring
 
 
 cdef class Recorder:

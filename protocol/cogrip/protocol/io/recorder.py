@@ -12,8 +12,8 @@ from collections.abc import Callable
 from contextlib import suppress
 from pathlib import Path
 
-from cogrip.protocol.io.platform import system
-from cogrip.protocol.io.ring import Ring, make_ring
+from cogrip.machine.platform import system
+from cogrip.machine.ring import Ring, make_ring
 from cogrip.protocol.recording.header import Header
 
 RING_BYTES = 8 * 2**20

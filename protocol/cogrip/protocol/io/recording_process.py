@@ -12,8 +12,8 @@ from contextlib import suppress
 from pathlib import Path
 from typing import IO, cast
 
-from cogrip.protocol.io.platform import system, time
-from cogrip.protocol.io.ring import Ring
+from cogrip.machine.platform import system, time
+from cogrip.machine.ring import Ring
 from cogrip.protocol.recording.header import header_of
 from cogrip.protocol.recording.records import Clock, Gap
 from cogrip.protocol.recording.sink import encode, text_of

@@ -12,7 +12,7 @@ still under way. Losses are a chain of two states (Gilbert-Elliott), delays are 
 from math import ceil, exp
 from typing import NamedTuple, Protocol
 
-from cogrip.protocol.addition import add_floats
+from cogrip.machine.addition import add_floats
 from cogrip.protocol.line.jitter_buffer import DEEPEST, Frames
 from cogrip.protocol.rates import Rates
 

@@ -12,7 +12,7 @@ from typing import Any, NamedTuple
 import msgspec
 from msgspec import inspect
 
-from cogrip.protocol.addition import add_floats
+from cogrip.machine.addition import add_floats
 from cogrip.protocol.drawing import FORCE_M_PER_N, HAND_SIZE_M, LEAST_DRAWN_N, OBJECT_COLOUR, Shape, Vector, colour
 
 SCENE_UPDATE, FRAME_TRANSFORMS = "foxglove.SceneUpdate", "foxglove.FrameTransforms"

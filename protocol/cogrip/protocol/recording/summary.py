@@ -16,7 +16,7 @@ from mcap.data_stream import RecordBuilder
 from mcap.opcode import Opcode
 from mcap.records import Channel, ChunkIndex, Footer, McapRecord, MetadataIndex, Schema, Statistics, SummaryOffset
 
-from cogrip.protocol.addition import add_integers
+from cogrip.machine.addition import add_integers
 
 _FOOTER_HEAD = Struct("<BQQQ")  # what the summary's checksum covers of the footer: all before the checksum itself
 _FOOTER_BYTES = 20

@@ -14,7 +14,7 @@ from contextlib import suppress
 from functools import partial
 from typing import Literal, NamedTuple
 
-from cogrip.protocol.addition import add_integers
+from cogrip.machine.addition import add_integers
 from cogrip.protocol.messages import Hello
 from cogrip.server.admission import Denied, Grant
 from cogrip.server.events import ServerEvent

@@ -1,6 +1,6 @@
 """Path of datagrams through a server: from its port through the channel to the core, and back."""
 
-from cogrip.protocol.io.platform import time
+from cogrip.machine.platform import time
 from cogrip.protocol.messages import MAX_DATAGRAM_BYTES
 from cogrip.server import inputs
 from cogrip.server.core import ServerCore

@@ -17,7 +17,7 @@ from collections import Counter, deque
 from collections.abc import Callable, Sequence
 from pathlib import Path
 
-from cogrip.protocol.addition import add_integers
+from cogrip.machine.addition import add_integers
 from cogrip.protocol.channel import Address, place_text
 from cogrip.protocol.dtls_records import HANDSHAKE, RECORD_HEADER_BYTES, ClientRecords
 from cogrip.protocol.io.certificate import load

@@ -4,6 +4,8 @@ import ctypes
 import hmac
 from collections.abc import Sequence
 
+from cogrip.machine.large_pages import uses_large_pages
+from cogrip.machine.platform import system
 from cogrip.protocol.channel import Address
 from cogrip.protocol.dtls_records import (
     CHANGE_CIPHER_SPEC,
@@ -15,8 +17,6 @@ from cogrip.protocol.dtls_records import (
 )
 from cogrip.protocol.io.dtls import Association
 from cogrip.protocol.io.dtls_session import SUITES, DtlsSession, export_keys
-from cogrip.protocol.io.large_pages import uses_large_pages
-from cogrip.protocol.io.platform import system
 from cogrip.protocol.messages import MAX_DATAGRAM_BYTES
 from cogrip.server.rate_limit import network_of
 

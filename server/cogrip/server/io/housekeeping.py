@@ -6,7 +6,7 @@ from contextlib import suppress
 from pathlib import Path
 from typing import Protocol
 
-from cogrip.protocol.addition import add_integers
+from cogrip.machine.addition import add_integers
 from cogrip.protocol.tool_frame import ToolFrame
 from cogrip.server import inputs
 from cogrip.server.checkpoint import CheckpointError, decode, encode

@@ -21,7 +21,7 @@ from prometheus_client.core import CounterMetricFamily, GaugeMetricFamily, Metri
 from prometheus_client.exposition import choose_encoder
 from prometheus_client.registry import Collector
 
-from cogrip.protocol.io.platform import system
+from cogrip.machine.platform import system
 from cogrip.server.io.metrics_families import families
 from cogrip.server.io.platform import be_nice
 from cogrip.server.snapshot import LENGTH_BYTES, Health, RoomSnapshot, Snapshot, decode

@@ -1,6 +1,6 @@
 cimport cython
 
-from cogrip.protocol.io.pacing cimport Pacer
+from cogrip.machine.pacing cimport Pacer
 from cogrip.server.io.datagram_path cimport DatagramPath
 from cogrip.server.recorder cimport RecordedServer
 from cogrip.server.room cimport Room

@@ -2,8 +2,8 @@
 
 from collections.abc import Sequence
 
-from cogrip.protocol.io.pacing import Pacer
-from cogrip.protocol.io.platform import time
+from cogrip.machine.pacing import Pacer
+from cogrip.machine.platform import time
 from cogrip.server.io.datagram_path import DatagramPath
 from cogrip.server.recorder import RecordedServer
 from cogrip.server.room import Room

@@ -1,4 +1,4 @@
-"""Functions of the operating system for a server, beyond `cogrip.protocol.io.platform`.
+"""Functions of the operating system for a server, beyond `cogrip.machine.platform`.
 
 A server as a service is for Linux and macOS: its state folder (encryption, tokens, checkpoints), `cogrip who` and `kick`, and
 metrics are refused on Windows, each in one line. What is left there is a server without encryption on loopback, for

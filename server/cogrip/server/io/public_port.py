@@ -7,9 +7,9 @@ from collections import Counter, deque
 from collections.abc import Callable, Sequence, Set
 from typing import Protocol
 
+from cogrip.machine.arrivals import Arrivals
+from cogrip.machine.stop import Stop
 from cogrip.protocol.channel import Address, Channel, place_text
-from cogrip.protocol.io.arrivals import Arrivals
-from cogrip.protocol.io.stop import Stop
 from cogrip.protocol.messages import MAX_DATAGRAM_BYTES, Hello
 from cogrip.protocol.session import SECONDS_OVER, refusal
 from cogrip.protocol.settings import Settings

@@ -14,8 +14,8 @@ from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 
-from cogrip.protocol.addition import add_integers
-from cogrip.protocol.io.platform import system
+from cogrip.machine.addition import add_integers
+from cogrip.machine.platform import system
 from cogrip.protocol.io.recorder import is_being_written
 from cogrip.server.io import platform
 

@@ -15,7 +15,7 @@ from typing import Annotated
 
 import msgspec
 
-from cogrip.protocol.io.platform import system
+from cogrip.machine.platform import system
 from cogrip.protocol.join_link import LinkError, check_host
 from cogrip.server.io import platform
 

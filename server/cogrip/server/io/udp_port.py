@@ -5,9 +5,9 @@ import socket
 from collections import deque
 from typing import Any, NamedTuple, Protocol
 
+from cogrip.machine.datagrams import open_datagrams
+from cogrip.machine.receive_buffer import enlarge, overrun
 from cogrip.protocol.channel import Address, Channel, place_text
-from cogrip.protocol.io.datagrams import open_datagrams
-from cogrip.protocol.io.receive_buffer import enlarge, overrun
 from cogrip.server.events import ServerEvent
 
 

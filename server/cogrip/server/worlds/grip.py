@@ -8,7 +8,7 @@ from typing import ClassVar
 
 import numpy as np
 
-from cogrip.protocol.addition import add_floats
+from cogrip.machine.addition import add_floats
 from cogrip.protocol.settings import SeatSettings
 from cogrip.protocol.waves import proxy_velocity, server_wave
 from cogrip.server.worlds.small_step import RAMP_S as RAMP_S

@@ -26,7 +26,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from cogrip.protocol.addition import add_floats
+from cogrip.machine.addition import add_floats
 from cogrip.protocol.settings import SeatSettings
 from cogrip.server.worlds.world import Array, HandWorld, Row
 

@@ -22,7 +22,7 @@ from typing import Any, NamedTuple
 import mujoco  # type: ignore[import-untyped]
 import numpy as np
 
-from cogrip.protocol.addition import add_floats
+from cogrip.machine.addition import add_floats
 from cogrip.server.worlds.scene_file import MOST_CONTACTS, Scene
 from cogrip.server.worlds.world import turn
 

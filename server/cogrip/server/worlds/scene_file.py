@@ -21,7 +21,7 @@ from typing import Any, NamedTuple
 import mujoco  # type: ignore[import-untyped]
 import numpy as np
 
-from cogrip.protocol.addition import add_integers
+from cogrip.machine.addition import add_integers
 from cogrip.protocol.setting_types import PINCH, PLACES, POSE_AXES, Orientation, Side
 from cogrip.protocol.settings import Settings
 from cogrip.protocol.texts import shown

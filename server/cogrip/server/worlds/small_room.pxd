@@ -1,1 +1,1 @@
-from cogrip.protocol.addition cimport add_floats
+from cogrip.machine.addition cimport add_floats

@@ -8,7 +8,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from cogrip.protocol.addition import add_floats
+from cogrip.machine.addition import add_floats
 from cogrip.protocol.settings import SeatSettings
 from cogrip.server.worlds.grip import GripWorld
 from cogrip.server.worlds.small_step import MOST as MOST

@@ -8,7 +8,7 @@ from typing import Any, ClassVar
 import numpy as np
 from numpy.typing import NDArray
 
-from cogrip.protocol.addition import add_integers
+from cogrip.machine.addition import add_integers
 from cogrip.protocol.drawing import Shape
 from cogrip.protocol.effects import Effect
 from cogrip.protocol.foreign_file import ForeignFileError

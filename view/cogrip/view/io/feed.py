@@ -11,7 +11,7 @@ from msgspec.structs import replace
 from cogrip.client.io.paths import JoinError, Paths
 from cogrip.client.observer import ObserverCore
 from cogrip.client.observer_loop import LiveObserver
-from cogrip.protocol.io.stop import Stop
+from cogrip.machine.stop import Stop
 from cogrip.protocol.session import ClientSession
 from cogrip.view import frames
 from cogrip.view.frames import Frame

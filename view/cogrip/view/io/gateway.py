@@ -14,7 +14,7 @@ from dataclasses import dataclass, field
 from hashlib import sha256
 
 from cogrip.client.io.paths import JoinError
-from cogrip.protocol.io.stop import Stop
+from cogrip.machine.stop import Stop
 from cogrip.protocol.join_link import is_token
 from cogrip.view import access, page
 from cogrip.view.access import FRONT_ENDS, Access

@@ -5,7 +5,7 @@ from collections import deque
 from collections.abc import Callable, Sequence
 from contextlib import suppress
 
-from cogrip.protocol.io.platform import system
+from cogrip.machine.platform import system
 from cogrip.view.io.hand_link import HandLink
 
 KEPT_LINES = 50  # of what it prints, for the reason of its end

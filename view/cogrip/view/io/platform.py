@@ -1,4 +1,4 @@
-"""Functions of the operating system for the page's process, beyond `cogrip.protocol.io.platform`."""
+"""Functions of the operating system for the page's process, beyond `cogrip.machine.platform`."""
 
 import asyncio
 import os

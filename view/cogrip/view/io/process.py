@@ -9,7 +9,7 @@ from collections.abc import Callable
 from dataclasses import dataclass, field
 from ipaddress import ip_address
 
-from cogrip.protocol.io.stop import Stop
+from cogrip.machine.stop import Stop
 from cogrip.view import page
 from cogrip.view.access import FRONT_ENDS, Access, same
 from cogrip.view.io import platform

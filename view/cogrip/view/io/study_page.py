@@ -13,8 +13,8 @@ from contextlib import suppress
 from dataclasses import dataclass, field
 from functools import partial
 
-from cogrip.protocol.addition import add_integers
-from cogrip.protocol.io.platform import system
+from cogrip.machine.addition import add_integers
+from cogrip.machine.platform import system
 from cogrip.view import page
 from cogrip.view.access import Access, same
 from cogrip.view.frames import Frame

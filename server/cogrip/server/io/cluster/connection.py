@@ -17,9 +17,9 @@ from functools import partial
 
 import msgspec
 
+from cogrip.machine.platform import system
 from cogrip.protocol.io.cluster_address import ClusterError as ClusterError
 from cogrip.protocol.io.cluster_address import probe
-from cogrip.protocol.io.platform import system
 from cogrip.server.events import ServerEvent
 from cogrip.server.io.cluster import pipe
 from cogrip.server.io.cluster.announcement import AnnouncementFile

@@ -6,10 +6,10 @@ from collections.abc import Callable, Sequence
 from contextlib import suppress
 from typing import NamedTuple
 
+from cogrip.machine.receive_buffer import OVERRUN, overrun
+from cogrip.machine.stop import Stop
 from cogrip.protocol import messages
 from cogrip.protocol.channel import Address
-from cogrip.protocol.io.receive_buffer import OVERRUN, overrun
-from cogrip.protocol.io.stop import Stop
 from cogrip.protocol.messages import HELLO_BYTES, MOST_FRONTS, PROTOCOL_VERSION, Hello, MalformedError, Redirect
 from cogrip.protocol.session import foreign_version, nonce_of, refusal, version_mismatch
 from cogrip.protocol.settings import Settings

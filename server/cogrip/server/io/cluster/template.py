@@ -11,7 +11,7 @@ import subprocess
 import sys
 from collections.abc import Callable, Sequence
 
-from cogrip.protocol.io.platform import system
+from cogrip.machine.platform import system
 from cogrip.server.io.platform import fork, message_pair, receive_with_descriptors, send_with_descriptors
 
 FORK = b"fork"

@@ -5,7 +5,7 @@ from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 
-from cogrip.protocol.addition import add_integers
+from cogrip.machine.addition import add_integers
 from cogrip.server.events import ServerEvent
 from cogrip.server.io.authenticator import READING, TokenAuthenticator
 from cogrip.server.io.cluster.connection import RemoteRoom

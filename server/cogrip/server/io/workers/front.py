@@ -15,11 +15,11 @@ from collections.abc import Callable, Sequence
 from contextlib import suppress
 from typing import NamedTuple
 
+from cogrip.machine.receive_buffer import OVERRUN, overrun
+from cogrip.machine.stop import Stop
 from cogrip.protocol import messages
 from cogrip.protocol.channel import Address
 from cogrip.protocol.io.dtls_session import SessionKeys
-from cogrip.protocol.io.receive_buffer import OVERRUN, overrun
-from cogrip.protocol.io.stop import Stop
 from cogrip.protocol.messages import PROTOCOL_VERSION, Hello, MalformedError, Welcome
 from cogrip.protocol.settings import Settings
 from cogrip.protocol.texts import named

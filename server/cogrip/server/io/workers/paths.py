@@ -9,13 +9,13 @@ from collections import Counter, deque
 from collections.abc import Sequence
 from contextlib import suppress
 
-from cogrip.protocol.addition import add_integers
+from cogrip.machine.addition import add_integers
+from cogrip.machine.datagrams import open_arrivals, open_batched, open_datagrams
+from cogrip.machine.platform import system
+from cogrip.machine.receive_buffer import overrun
+from cogrip.machine.stop import Stop
 from cogrip.protocol.channel import Address
-from cogrip.protocol.io.datagrams import open_arrivals, open_batched, open_datagrams
 from cogrip.protocol.io.dtls_session import DtlsSession, SessionKeys
-from cogrip.protocol.io.platform import system
-from cogrip.protocol.io.receive_buffer import overrun
-from cogrip.protocol.io.stop import Stop
 from cogrip.server.io.workers.link import (
     AnyToWorker,
     Ask,

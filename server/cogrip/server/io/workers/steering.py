@@ -16,8 +16,8 @@ import struct
 from collections.abc import Callable
 from contextlib import ExitStack, suppress
 
-from cogrip.protocol.io.platform import time
-from cogrip.protocol.io.receive_buffer import enlarge
+from cogrip.machine.platform import time
+from cogrip.machine.receive_buffer import enlarge
 from cogrip.server.io.platform import share_port
 from cogrip.server.io.workers.link import PeerAddress
 from cogrip.server.io.workers.steering_program import hash_of, program

@@ -1,0 +1,1 @@
+"""The computer: clocks, pacing, priority, sockets, memory and processes of each system, and arithmetic that all share."""

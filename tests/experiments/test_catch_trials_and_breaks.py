@@ -1,0 +1,70 @@
+"""Catch trials of staircases, and timed breaks of blocks."""
+
+from collections.abc import Sequence
+from pathlib import Path
+
+import pytest
+
+from cogrip.experiments.study.conductor import Conductor
+from cogrip.experiments.study.journal import StudyFolder
+from cogrip.experiments.study.plan import CATCH, planned
+from cogrip.experiments.study.study_file import Study, StudyError
+from cogrip.experiments.study.table import caught, thresholds
+
+from tests.experiments.studies import PLAIN, NoSessions, Observers, conducted, parsed
+
+
+class Resting(Observers):
+    """rested: how long they rested, and after how many sessions."""
+
+    def __init__(self, study: Study, sessions: NoSessions) -> None:
+        super().__init__(study, sessions)
+        self.rested: list[tuple[float, int]] = []
+
+    def rest(self, seconds: float, people: Sequence[str]) -> None:
+        self.rested.append((seconds, len(self._sessions.asked)))
+
+
+@pytest.mark.parametrize("every", [2, 3, 5, 100])
+def test_catch_trials_are_of_the_largest_level_and_of_no_track(every: int, tmp_path: Path) -> None:
+    """The staircase has as many trials of its own as without them."""
+    study = parsed(PLAIN.replace("trials = 6", f"trials = 6\ncatch_every = {every}"))
+    outcome, folder = conducted(study, tmp_path / "study")
+    assert outcome.complete
+    for group in (0, 1):
+        mine = [line for line in folder.trials if line.group == group and line.block == "two" and line.over]
+        caught_here = [line for line in mine if line.track == CATCH]
+        assert [line.place + 1 for line in caught_here] == list(range(every, len(mine) + 1, every))
+        assert len(mine) - len(caught_here) == 6
+        assert len(mine) + 4 == planned(study, group)
+        for line in caught_here:
+            assert line.level == 20.0
+            assert max(values["coupling.damping_nspm"] for values in line.values) == 30.0
+    over = [line for line in folder.trials if line.over]
+    assert {each.trials for each in thresholds(study, over).values()} == {6}
+    assert sum(asked for _, asked in caught(over).values()) == sum(line.track == CATCH for line in over)
+
+
+def test_catch_trials_without_any_other_are_refused() -> None:
+    with pytest.raises(StudyError, match="catch_every = 1 leaves no trial"):
+        parsed(PLAIN.replace("trials = 6", "trials = 6\ncatch_every = 1"))
+
+
+def test_breaks_are_due_within_a_block_and_not_for_whoever_comes_back(tmp_path: Path) -> None:
+    study = parsed(PLAIN.replace("repetitions = 2", "repetitions = 2\nbreak_every = 2\nbreak_s = 30"))
+    sessions, folder = NoSessions(), StudyFolder(tmp_path / "study", study, {})
+    people = Resting(study, sessions)
+    Conductor(study, {}, folder, sessions, people).run([0])
+    assert people.rested == [(30.0, 2)]  # of four trials in the block; the next block has its own instructions
+    again = StudyFolder(tmp_path / "again", study, {})
+    for line in folder.trials[:4]:  # two trials
+        again.add_trial(line)
+    people = Resting(study, sessions)
+    sessions.asked.clear()
+    Conductor(study, {}, again, sessions, people).run([0])
+    assert people.rested == []
+
+
+def test_a_break_has_a_length_and_a_place() -> None:
+    with pytest.raises(StudyError, match="break_every and break_s go together"):
+        parsed(PLAIN.replace("repetitions = 2", "repetitions = 2\nbreak_s = 30"))
