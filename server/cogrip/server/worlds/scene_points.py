@@ -6,7 +6,7 @@ import mujoco  # type: ignore[import-untyped]
 import numpy as np
 from numpy.typing import NDArray
 
-from cogrip.protocol.addition import add_integers
+from cogrip.machine.addition import add_integers
 from cogrip.protocol.drawing import MOST_POINTS, MOST_SHAPES, Shape, pack_points
 from cogrip.server.worlds.scene_textures import texture_of
 

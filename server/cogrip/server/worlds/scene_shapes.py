@@ -13,7 +13,7 @@ import numpy as np
 from msgspec.structs import replace
 from numpy.typing import NDArray
 
-from cogrip.protocol.addition import add_integers
+from cogrip.machine.addition import add_integers
 from cogrip.protocol.drawing import MOST_SHAPES, Shape, ShapeKind
 from cogrip.server.worlds.scene_file import Scene
 from cogrip.server.worlds.scene_points import NO_COLOUR, ScenePoints, colour_of, with_mean
