@@ -1,7 +1,6 @@
 """`dev.py bench drawing`: the page's pictures of twenty scenes beside MuJoCo's own, pixel by pixel, from the same place."""
 
 import tempfile
-from contextlib import ExitStack
 from pathlib import Path
 
 import matplotlib.image
@@ -10,13 +9,10 @@ from rich.console import Console
 from cogrip.cli.terminal.output import make_console
 from cogrip.cli.terminal.problem import Problem
 from cogrip.cli.terminal.tables import plain_table
-from cogrip.view.scene import Scene, to_json
 
-from tests.view.browser_page import BrowserPage
 from tests.view.browser_program import NoBrowserError, launched
 from tests.view.compared_pictures import compare, sheet
 from tests.view.mujoco_pictures import NoRendererError
-from tests.view.page_server import PageServer, serving
 
 LEAST_ALIKE = 0.98
 
@@ -35,16 +31,8 @@ def bench_drawing(*, out: Path | None = None, width: int = 1280, height: int = 7
     """
     console: Console = make_console()
     try:
-        with tempfile.TemporaryDirectory() as folder, launched() as browser, ExitStack() as stack:
-
-            def show(told: Scene) -> tuple[BrowserPage, PageServer]:
-                server = stack.enter_context(serving(PageServer(to_json(told))))
-                page = BrowserPage(browser, server.address, width, height)
-                server.wait_for_page()
-                page.until("cogrip.scene !== null")
-                return page, server
-
-            compared = compare(show, Path(folder))
+        with tempfile.TemporaryDirectory() as folder, launched() as browser:
+            compared = compare(browser, Path(folder), width=width, height=height)
     except (NoBrowserError, NoRendererError) as error:
         raise Problem(str(error)) from None
     rows = [

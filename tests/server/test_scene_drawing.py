@@ -1,4 +1,4 @@
-"""What a scene is drawn of: surfaces, points of what is flexible, textures, against the model itself."""
+"""Shapes of scenes: surfaces, points of what is flexible, textures, against the model itself."""
 
 from collections.abc import Sequence
 from pathlib import Path

@@ -1,7 +1,7 @@
 """The page's pictures of scenes beside MuJoCo's own, pixel by pixel, from the same place."""
 
 from base64 import b64decode
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from io import BytesIO
 from pathlib import Path
@@ -14,16 +14,18 @@ import numpy as np
 from cogrip.server.worlds.scene_file import Held, load_scene
 from cogrip.server.worlds.scene_shapes import Drawn, shapes_of
 from cogrip.view.frames import Frame, encode
-from cogrip.view.scene import Scene, SceneObject, workspace_of
+from cogrip.view.scene import Scene, SceneObject, to_json, workspace_of
 
 from tests.view.browser_page import BrowserPage
 from tests.view.drawn_scenes import SCENES
 from tests.view.mujoco_pictures import View, pictures_of
-from tests.view.page_server import PageServer
+from tests.view.page_server import PageServer, serving
 
 STEP_S = 1 / 512
 BACKGROUNDS = ("#ff00ff", "#00ff00")  # a pixel that has the colour of each in its turn has nothing drawn on it
-Show = Callable[[Scene], tuple[BrowserPage, PageServer]]
+PROBE = View(
+    "<mujoco/>", (1.0, 0.0, 0.0), (0.0, 0.0, 0.0), 35.0, 64, 64
+)  # draws nothing: it says whether there is a renderer
 
 
 @dataclass(frozen=True)
@@ -69,25 +71,32 @@ def portrait(page: BrowserPage, background: str) -> tuple[np.ndarray, dict[str, 
     return pixels[..., :3], found
 
 
-def compare(show: Show, folder: Path, scenes: dict[str, str] = SCENES) -> list[Compared]:
+def compare(
+    browser: Any, folder: Path, scenes: dict[str, str] = SCENES, width: int = 1280, height: int = 720
+) -> list[Compared]:
     """Draw scenes on the page and with MuJoCo. Raises NoRendererError."""
+    pictures_of([PROBE], folder)
     ours: list[tuple[np.ndarray, np.ndarray]] = []
     views: list[View] = []
     for name, xml in scenes.items():
         path = folder / f"{name.replace(' ', '_')}.xml"
         path.write_text(xml)
         told, frame, _ = drawn_of(path)
-        page, server = show(told)
-        server.send(encode(frame))
-        page.until_drawn(1)
-        first, camera = portrait(page, BACKGROUNDS[0])
-        second, _ = portrait(page, BACKGROUNDS[1])
+        with serving(PageServer(to_json(told))) as server:
+            page = BrowserPage(browser, server.address, width, height)
+            server.wait_for_page()
+            page.until("cogrip.scene !== null")
+            server.send(encode(frame))
+            page.until_drawn(1)
+            first, camera = portrait(page, BACKGROUNDS[0])
+            second, _ = portrait(page, BACKGROUNDS[1])
+            black, _ = portrait(page, "#000000")
+            page.close()
+            assert page.errors == []
         bare = [_is(picture, colour) for picture, colour in zip((first, second), BACKGROUNDS, strict=True)]
-        black, _ = portrait(page, "#000000")
         ours.append((black, ~(bare[0] & bare[1])))
-        height, width = black.shape[:2]
-        views.append(View(xml, camera["eye_m"], camera["target_m"], camera["fov_deg"], width, height))
-        page.close()
+        rows, columns = black.shape[:2]
+        views.append(View(xml, camera["eye_m"], camera["target_m"], camera["fov_deg"], columns, rows))
     theirs = pictures_of(views, folder)
     return [_compared(name, *mine, *yours) for name, mine, yours in zip(scenes, ours, theirs, strict=True)]
 

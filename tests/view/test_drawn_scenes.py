@@ -1,10 +1,10 @@
 """The page's pictures of twenty scenes beside those of MuJoCo's own renderer."""
 
 from pathlib import Path
+from typing import Any
 
 import pytest
 
-from tests.view.browser_page import Show
 from tests.view.compared_pictures import compare
 from tests.view.drawn_scenes import SCENES
 from tests.view.mujoco_pictures import NoRendererError
@@ -13,10 +13,10 @@ LEAST_ALIKE, LEAST_OVERLAP, MOST_APART = 0.98, 0.9, 0.08
 
 
 @pytest.mark.long
-def test_the_page_draws_scenes_as_mujoco_does(show: Show, tmp_path: Path) -> None:
+def test_the_page_draws_scenes_as_mujoco_does(chromium: Any, tmp_path: Path) -> None:
     assert len(SCENES) == 20
     try:
-        compared = compare(show, tmp_path)
+        compared = compare(chromium, tmp_path)
     except NoRendererError as error:
         pytest.skip(str(error))
     for each in compared:

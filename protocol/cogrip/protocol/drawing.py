@@ -69,7 +69,7 @@ class Shape(msgspec.Struct, frozen=True):
 
     @property
     def soft(self) -> bool:
-        """Whether it runs through points that move."""
+        """True where it runs through points that move."""
         return self.kind in ("flex", "tendon")
 
     @property

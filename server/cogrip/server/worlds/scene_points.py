@@ -6,6 +6,7 @@ import mujoco  # type: ignore[import-untyped]
 import numpy as np
 from numpy.typing import NDArray
 
+from cogrip.machine.addition import add_integers
 from cogrip.protocol.drawing import MOST_POINTS, MOST_SHAPES, Shape, pack_points
 from cogrip.server.worlds.scene_textures import texture_of
 
@@ -91,7 +92,7 @@ class ScenePoints:
         rgba = with_mean(model, colour_of(model, model.tendon_rgba[tendon], material), material)
         if (rgba is not None and rgba[3] == 0.0) or max(counts) < 2:  # the sum of joints has no path
             return
-        if not self._has_room(sum(counts), f"tendon {_name(model, mujoco.mjtObj.mjOBJ_TENDON, tendon)}"):
+        if not self._has_room(add_integers(counts), f"tendon {_name(model, mujoco.mjtObj.mjOBJ_TENDON, tendon)}"):
             return
         radius = float(model.tendon_width[tendon])
         branches = [count for count in counts if count]

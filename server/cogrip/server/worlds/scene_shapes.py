@@ -13,6 +13,7 @@ import numpy as np
 from msgspec.structs import replace
 from numpy.typing import NDArray
 
+from cogrip.machine.addition import add_integers
 from cogrip.protocol.drawing import MOST_SHAPES, Shape, ShapeKind
 from cogrip.server.worlds.scene_file import Scene
 from cogrip.server.worlds.scene_points import NO_COLOUR, ScenePoints, colour_of, with_mean
@@ -163,7 +164,7 @@ def _left_out(model: mujoco.MjModel) -> Iterator[str]:
         yield "reflections"
     if model.nskin:
         yield "skins"
-    hidden = sum(int((groups >= _SHOWN_GROUPS).sum()) for groups in (model.geom_group, model.site_group))
+    hidden = add_integers(int((groups >= _SHOWN_GROUPS).sum()) for groups in (model.geom_group, model.site_group))
     if hidden:
         yield f"{hidden} geoms and sites of the groups 3 to 5, which MuJoCo's viewer hides at first"
 

@@ -156,7 +156,9 @@ def _divided(triangles: Triangles, places: Array | None, most: int) -> tuple[Tri
     at = np.array(upright + turned) / k
     weights = np.stack([1.0 - at.sum(axis=2), at[..., 0], at[..., 1]], axis=2)
     parts, of = (
-        None if each is None else np.einsum("pcv,tvx->tpcx", weights, each).reshape(-1, 3, each.shape[2])
+        None
+        if each is None
+        else np.add.reduce(weights[..., None] * each[:, None, None], axis=3).reshape(-1, 3, each.shape[2])
         for each in (triangles, places)
     )
     assert parts is not None
@@ -188,7 +190,7 @@ def _form(kind: int, size_m: Array, most: int) -> tuple[Triangles, Array]:
     around = radii[:, None, None] * np.stack([np.cos(angle), np.sin(angle)], axis=1)
     grid = np.concatenate((around, np.broadcast_to(heights[:, None, None], (*around.shape[:2], 1))), axis=2) * scale
     triangles = _sheet(grid)
-    sides = np.linalg.norm(triangles - np.roll(triangles, 1, axis=1), axis=2)
+    sides = np.sqrt(np.add.reduce(np.square(triangles - np.roll(triangles, 1, axis=1)), axis=2))
     return triangles[(sides > 1e-9 * sides.max()).all(axis=1)], half
 
 

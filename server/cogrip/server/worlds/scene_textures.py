@@ -38,7 +38,7 @@ class Texture(NamedTuple):
 
     @property
     def cube(self) -> bool:
-        """Whether there are six images around."""
+        """True where there are six images around."""
         return self.pixels.ndim == 4
 
 
@@ -80,7 +80,8 @@ def colours_of(texture: Texture, corners: Array, half_m: Array, coordinates: Arr
     corners: in the geom's frame [m], shape (triangles, 3, 3); half_m: what of it is scaled to 1; coordinates: on the image of
     the corners, shape (triangles, 3, 2), where a mesh has them
     """
-    inside = np.einsum("pc,tcx->tpx", _WITHIN, corners if coordinates is None else coordinates)
+    whole = corners if coordinates is None else coordinates
+    inside = np.add.reduce(_WITHIN[:, :, None] * whole[:, None], axis=2)
     if coordinates is not None:
         found = _at(texture.pixels, inside * texture.repeat)
     elif texture.cube:
