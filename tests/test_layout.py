@@ -14,21 +14,9 @@ from pathlib import Path
 
 import pytest
 
+from tests.source_tree import FOLDERS
+
 ROOT = Path(__file__).parents[1]
-FOLDERS = (
-    "machine",
-    "protocol",
-    "devices",
-    "client",
-    "server",
-    "sim",
-    "results",
-    "analysis",
-    "experiments",
-    "view",
-    "cli",
-    "api",
-)
 PACKAGES = [f"cogrip.{folder}" for folder in FOLDERS]
 PROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))
 

@@ -20,21 +20,8 @@ from cogrip.experiments.study.study_file import read_study
 from cogrip.server.worlds.registry import ALLOWED
 
 from tests.docs.pages import ROOT, page
+from tests.source_tree import FOLDERS
 
-PACKAGES = (
-    "machine",
-    "protocol",
-    "devices",
-    "client",
-    "server",
-    "sim",
-    "results",
-    "analysis",
-    "experiments",
-    "view",
-    "cli",
-    "api",
-)
 FENCED = re.compile(r"^( *)```(\w+)\n(.*?)^ *```$", re.DOTALL | re.MULTILINE)
 INDENTED = re.compile(r"^(?: {4}.*\n(?:\n(?= {4}))?)+", re.MULTILINE)
 LIMIT_S = 120.0
@@ -63,7 +50,7 @@ def is_program(text: str) -> bool:
 
 
 def in_docstrings() -> Iterator[tuple[str, str]]:
-    for package in PACKAGES:
+    for package in FOLDERS:
         for path in sorted((ROOT / package).rglob("*.py")):
             source = path.read_text(encoding="utf-8")
             for node in ast.walk(ast.parse(source)) if "\n    " in source else ():

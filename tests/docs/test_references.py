@@ -15,23 +15,10 @@ from pathlib import Path
 import pytest
 
 from tests.docs.pages import DOCS, ROOT, anchor, headings, page, prose_lines
+from tests.source_tree import FOLDERS
 
 SUFFIXES = (".py", ".md", ".toml", ".service", ".rules")
 SKIPPED = {"__pycache__", "build", "dist", "node_modules", "runs", "sweeps", "recordings"}
-PACKAGES = (
-    "machine",
-    "protocol",
-    "devices",
-    "client",
-    "server",
-    "sim",
-    "results",
-    "analysis",
-    "experiments",
-    "view",
-    "cli",
-    "api",
-)
 
 THEORY = re.compile(
     r"\btheory(?:\.md)?`?,?(?: sections?)? (\d+(?:\.\d+)*)(?:(?: and | or |, )(\d+\.\d+))?", re.IGNORECASE
@@ -87,7 +74,7 @@ def named(title: str, name: str) -> bool:
 def module_exists(dotted: str) -> bool:
     """Return True for a module of ours, or a name in one; `dotted` without "cogrip."."""
     parts = dotted.split(".")
-    if parts[0] not in PACKAGES:
+    if parts[0] not in FOLDERS:
         return False
     path = ROOT / parts[0] / "cogrip"
     for at, part in enumerate(parts):

@@ -17,7 +17,7 @@ from cogrip.protocol.settings import Settings, resolve, seat_settings
 from cogrip.protocol.settings_table import SettingsError
 
 SUFFIXES = (".xml", ".mjcf", ".urdf")
-FRAMES = 256  # that are stepped to see what a frame costs
+FRAMES = 256  # The frames that are stepped to see what one of them costs.
 MARKS = {"ok": ("✓", "green"), "note": ("·", "cyan"), "warning": ("!", "yellow"), "refused": ("✗", "red")}
 Row = tuple[str, str, str]
 """Level, topic, and words."""
