@@ -36,16 +36,17 @@ from cogrip.protocol.line.energy_reserve import FIRST_S, known
 from cogrip.protocol.settings import SeatSettings
 
 FREE_RESERVE_MPS = 1.0  # speed whose kinetic energy is E_free: a late damper takes that and gives it back
-TOLERATED_FRACTION = 0.25  # of E_free: a deficit -E up to this is tolerated, as the motion gives it back
-INJECTED_FRACTION = 0.1  # of `carried_nspm`: damping that is injected where all of E_free is used up
-FADE_TICKS = 3.0  # ticks at speed limit and peak force: over their energy the force is scaled from 1 to 0
-BACKOFF_FACTOR = 0.5  # on `carried_nspm` at each turn of a train of fast turns (`OscillationDetector`)
-RETRY_FRACTION = 0.8  # of `carried_nspm` at which a train began: it recovers up to this
-RECOVERY_S = 2.0  # in which `carried_nspm` rises by a factor of e
-RETRY_RECOVERY_S = 60.0  # in which the bound of RETRY_FRACTION rises by a factor of e
-LEAST_FRACTION = 0.02  # of the impedance of the record: `carried_nspm` is never less
-RELEASED_S = 0.5  # for which the force is released where it oscillates, or sits at its limit
-MOST_RELEASES = 2  # one more within PERSISTS_S is a fault
+TOLERATED_FRACTION = 0.25  # deficit -E that is tolerated, as a fraction of E_free: the motion gives it back
+INJECTED_FRACTION = 0.1  # damping injected where all of E_free is used up, as a fraction of `carried_nspm`
+FADE_TICKS = 3.0  # The force is scaled from 1 to 0 over the energy of so many ticks at speed limit and peak force.
+BACKOFF_FACTOR = 0.5  # factor on `carried_nspm` at each turn of a train of fast turns (`OscillationDetector`)
+RETRY_FRACTION = 0.8
+"""Bound of `carried_nspm` after a train of fast turns, as a fraction of what it was when the train began."""
+RECOVERY_S = 2.0  # time in which `carried_nspm` rises by a factor of e
+RETRY_RECOVERY_S = 60.0  # time in which the bound of RETRY_FRACTION rises by a factor of e
+LEAST_FRACTION = 0.02  # least `carried_nspm`, as a fraction of the impedance of the record
+RELEASED_S = 0.5  # time for which the force is released after it oscillated or sat at its limit
+MOST_RELEASES = 2  # most releases within PERSISTS_S; one more is a fault
 PERSISTS_S = 10.0
 
 Cause = Literal["", "oscillation", "limit", "energy"]

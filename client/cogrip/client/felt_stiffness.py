@@ -4,9 +4,9 @@ from collections import deque
 
 from cogrip.machine.addition import add_floats
 
-REST_S = 0.5  # for which frames must agree before a hand is at rest
+REST_S = 0.5  # time for which frames must agree before a hand is at rest
 STILL_FRACTION = 0.1  # A hand at rest stays within this part of its depth: half of what tells two stiffnesses apart.
-LEAST_N = 0.05  # with which it presses then: less is the rounding of a hand that touches nothing
+LEAST_N = 0.05  # least force of a hand that presses; less is the rounding of a hand that touches nothing
 
 
 class FeltStiffness:

@@ -19,10 +19,11 @@ from cogrip.machine.addition import add_floats
 from cogrip.protocol.hand_settings import HandChange, WorkspaceLimit
 from cogrip.protocol.setting_types import PLACES
 
-SOFT_M = 0.01  # in which the spring comes to the continuous force; at most so much of the least range:
+SOFT_M = 0.01
+"""Depth at which the spring reaches the continuous force; at most SOFT_PART of the shortest side of the workspace."""
 SOFT_PART = 0.1
-STIFFEST = 0.5  # of the device's advised stiffness
-DAMPED = 0.7  # of critical damping, at most this part of the impedance that the device carries:
+STIFFEST = 0.5  # largest stiffness of the limit's spring, as a fraction of the device's advised stiffness
+DAMPED = 0.7  # damping ratio of the limit; its damper is at most DAMPER_PART of the impedance that the device carries
 DAMPER_PART = 0.25
 
 

@@ -16,7 +16,7 @@ from cogrip.protocol.rates import Rates
 from cogrip.protocol.setting_types import PLACES
 
 Position = tuple[float, ...] | None
-RECKON_S = 12.0 / 1024.0  # without a sample, for which dead reckoning goes on
+RECKON_S = 12.0 / 1024.0  # time without a sample for which dead reckoning goes on
 
 
 class HandMotion:

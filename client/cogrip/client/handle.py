@@ -7,8 +7,8 @@ from cogrip.devices.device import Capability, Sample
 from cogrip.protocol.button_edges import EdgeSender
 from cogrip.protocol.handle import MOST_AT_ONCE, Handle, is_unit
 
-BEYOND = 0.1  # of a gripper's range, by which a reading may lie outside it
-MOST_M = 1.0  # that a message can say (SPEC 3.6)
+BEYOND = 0.1  # distance by which a reading may lie outside a gripper's range, as a fraction of the range
+MOST_M = 1.0  # largest opening that a message can say (SPEC 3.6)
 
 
 class HandleReader:

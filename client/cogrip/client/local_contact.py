@@ -36,11 +36,10 @@ from cogrip.protocol.line.energy_sums import CompensatedSum
 from cogrip.protocol.setting_types import PLACES
 from cogrip.protocol.settings import SeatSettings
 
-MOST_SAVED_J = 1e-3  # E
-LENT_J = (
-    1e-4  # by which E may be below 0 while the force is ramped: a touch loads the spring before any force has worked
-)
-MOST_STEP_N = 0.5  # by which a surface that moves may change the force in a tick
+MOST_SAVED_J = 1e-3  # largest E
+LENT_J = 1e-4
+"""Depth below 0 to which E may fall while the force is ramped: a touch loads the spring before any force has worked."""
+MOST_STEP_N = 0.5  # largest change of the force in a tick by a surface that moves
 AT_SLOPE = 0.9  # A force that rises by this part of the slope limit is held by it: motors also round forces.
 RETURN_S = 0.05  # time constant with which a face that nobody touches goes to where the object is
 

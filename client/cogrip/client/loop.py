@@ -37,10 +37,10 @@ from cogrip.protocol.session import ClientSession
 from cogrip.protocol.settings import SeatSettings
 from cogrip.protocol.texts import clipped_mark, shown
 
-CHORES_S = 0.004  # from one look at paths, orders and the session's end to the next
-NEVER = 2**62  # tick
-TYPED_TICKS = 64  # from one look at the terminal, or at what to say there, to the next
-LEAD_NS = 2_000_000  # from the welcome to the first tick
+CHORES_S = 0.004  # time from one look at paths, orders and the session's end to the next
+NEVER = 2**62  # tick that never comes
+TYPED_TICKS = 64  # ticks from one look at the terminal, or at what to say there, to the next
+LEAD_NS = 2_000_000  # time from the welcome to the first tick
 NO_TICKS = TickCount()
 ORDERS = "`m TEXT` sets a marker, `c` holds the clutch, `set KEY=VALUE` a scale, `r` re-arms after a fault"
 

@@ -8,7 +8,7 @@ from cogrip.protocol.texts import clipped_mark
 
 AGAIN_NS = 100_000_000
 MOST_UNANSWERED = 8
-MOST_KNOWN = 256  # numbers kept, so that one that is repeated is taken once
+MOST_KNOWN = 256  # most numbers of markers kept, so that a marker that is repeated is taken once
 
 
 class Markers:

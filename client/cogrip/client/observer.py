@@ -10,8 +10,9 @@ from cogrip.protocol.effects import Effect
 from cogrip.protocol.messages import Bodies, Effects, Geom, Mark, Person, View
 from cogrip.protocol.session import ClientSession
 
-MOST_MARKED = 64  # of an owner that does not read them
-GONE_NS = 1_000_000_000  # without a message about somebody, of whom there are 16 a second at least
+MOST_MARKED = 64  # most markers kept for an owner that does not read them
+GONE_NS = 1_000_000_000
+"""Time without a message about a person after which they are left out; at least 16 come a second."""
 
 
 class ObserverCore:

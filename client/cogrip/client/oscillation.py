@@ -19,15 +19,16 @@ from collections.abc import Sequence
 from math import inf
 
 FAST_HZ = 20.0
-SWING_N = 0.5  # from one turn to the next, or it is none
+SWING_N = 0.5  # least swing of a force between two turns, or two reversals
 HALF_SWING_N, BACK_N = 0.5 * SWING_N, -0.5 * SWING_N
 RING_KEPT = 0.95  # A ring that keeps less of a swing a period later decays, at a damping ratio of 0.008 or more.
-TRAIN = 3  # fast turns of the local force in a row: the device end oscillates. A tap on a wall makes two
-REVERSALS = 5  # fast reversals of the whole force in a row: the loop through the server does
-RINGS_DOWN = 3  # reversals in which a loop that is damped more is given time to ring down
+TRAIN = 3  # fast turns of the local force in a row that mean that the device end oscillates; a tap on a wall makes two
+REVERSALS = 5  # fast reversals of the whole force in a row that mean that the loop through the server oscillates
+RINGS_DOWN = 3  # reversals that a loop is given to ring down in once it is damped more
 WINDOW_S = 0.5
-MOST_FAST = 10  # fast reversals and turns of one axis within the window: a quarter of a second at FAST_HZ
-MOST_AT_LIMIT = 0.1  # of the window
+MOST_FAST = 10
+"""Fast reversals and turns of one axis within the window that are an oscillation: a quarter of a second at FAST_HZ."""
+MOST_AT_LIMIT = 0.1  # largest fraction of the window for which a limit may hold the force
 
 
 class AxisTurns:

@@ -30,12 +30,12 @@ from cogrip.protocol.messages import Power, encode
 from cogrip.protocol.passivity_control import CHARGE_UP_J, LENT_J
 from cogrip.protocol.settings import SeatSettings
 
-CHARGE_SHARE = 0.5  # fraction of b: the damper by which a hand puts in energy that the server lacks
-RESERVE_J = 4e-3  # kept of the hand's energy; more where a force needs more that may go astray
+CHARGE_SHARE = 0.5  # damper by which a hand puts in energy that the server lacks, as a fraction of b
+RESERVE_J = 4e-3  # least reserve kept of the hand's energy; more where a larger force may go astray by more
 KEPT_SHARE = 0.5  # fraction of the hand's energy that is kept until the reserve is full
-ASTRAY_MPS = 0.5  # error of the guess of the coming tick
-HORIZON_S = 8.0 / 1024.0  # over which what is left is spread: a force that runs out of energy fades
-SOFT_NPS = 410.0  # slope of the force while the controller holds it
+ASTRAY_MPS = 0.5  # error of the velocity that is guessed for the coming tick
+HORIZON_S = 8.0 / 1024.0  # time over which the energy left is spread, so that a force that runs out of energy fades
+SOFT_NPS = 410.0  # largest slope of the force while the controller holds it
 
 
 class PassivityControl(LatestStateCoupling[Power]):

@@ -10,7 +10,8 @@ session resumed by the old path, with a welcome or without: the newer one stays 
 
 from typing import Any
 
-AGAIN_NS = (500_000_000, 1_000_000_000, 2_000_000_000)  # the last for all that follow, and once a path is open
+AGAIN_NS = (500_000_000, 1_000_000_000, 2_000_000_000)
+"""Waits before another path is opened; the last one is for all further tries, and once a path is open."""
 REFUSED_NS = 250_000_000
 SPARE_NS = 2_000_000_000
 

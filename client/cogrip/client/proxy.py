@@ -16,11 +16,11 @@ from math import dist, hypot, inf, sqrt
 from cogrip.client.fixed_shapes import FixedShape, Vector
 from cogrip.machine.addition import add_floats
 
-ROUNDS = 12  # in which the planes that hold the proxy are found
-TOUCHING_M = 1e-9  # by which a plane may be in the way
-DEPENDENT = 1e-9  # sine of the angle between normals, squared, below which they are the same
+ROUNDS = 12  # most rounds in which the planes that hold the proxy are sought
+TOUCHING_M = 1e-9  # largest depth behind a plane that counts as none
+DEPENDENT = 1e-9  # squared sine of the angle between normals below which they count as the same
 Ball = tuple[Vector, float]
-"""Centre from the tool's own [m], radius [m]."""
+"""Centre relative to the tool's [m], and radius [m]."""
 Plane = tuple[Vector, float]
 """n and g."""
 FREE: Sequence[Vector] = ()

@@ -13,7 +13,7 @@ from cogrip.protocol.coupling_settings import Coupling
 from cogrip.protocol.setting_types import Kind
 from cogrip.protocol.settings import SeatSettings
 
-ROUNDING = 1e-9  # of a bound: settings are decimal
+ROUNDING = 1e-9  # relative excess over a bound that is rounding: settings are decimal
 
 
 class OverloadError(DeviceError):

@@ -2,7 +2,7 @@
 
 from collections.abc import Sequence
 
-NEARLY = 1.0 - 1e-12  # of a square: more than rounding makes of it
+NEARLY = 1.0 - 1e-12  # fraction of a bound's square: what is below it is below the bound by more than rounding
 
 
 def surely_below(row: Sequence[float], most: float) -> bool:

@@ -28,14 +28,14 @@ from cogrip.protocol.setting_types import PLACES
 RAMP_IN_S = 0.3
 RAMP_OUT_S = 0.1
 FAULT_OUT_S = 0.015
-STALL_S = 0.02  # of ticks without a sample, in a leaky counter: a device that reaches it has stalled
-STALL_DECAY = 0.5  # ticks that each sample takes off that counter
+STALL_S = 0.02  # time without a sample, in a leaky counter, after which a device has stalled
+STALL_DECAY = 0.5  # ticks that each sample takes off the counter of STALL_S
 WATCHDOG_S = 0.1  # time without a tick after which the watchdog ends the force: the hand held an old one
 LET_GO_S = 0.01
-"""Time in which nothing acts of the force, after which a device takes it back by the ramp."""
+"""Time without any acting force after which a device has let go, and takes the force back by the ramp."""
 AT_LIMIT_S = 0.5  # time at its limit after which a force is saturated: a fault
-NEAR_THERMAL_LIMIT = "near thermal limit"  # counted before anything is limited
-DERATED_S = 10.0  # of thermal derating, in a counter that falls while there is none: at more it is a fault
+NEAR_THERMAL_LIMIT = "near thermal limit"  # reason that is counted before anything is limited
+DERATED_S = 10.0  # time of thermal derating, in a counter that falls while there is none, after which it is a fault
 
 State = Literal["idle", "calibrating", "armed", "live", "clutched", "degraded", "fault"]
 Transition = Literal["open", "calibrated", "go", "stale", "fresh", "clutch", "engage", "rearm", "fail", "stop"]

@@ -33,8 +33,9 @@ from cogrip.protocol.session import ClientSession
 from cogrip.protocol.setting_types import PLACES
 from cogrip.protocol.settings import SeatSettings
 
-LEAVE_FADE_S = 0.5  # from `stop`: fade of what the line still holds the object by
-MOST_LOOP_S = 0.5  # then a client that leaves stays for one measured loop, so that the end of it arrives: this at most
+LEAVE_FADE_S = 0.5  # time from `stop` in which what the line still holds the object by fades
+MOST_LOOP_S = 0.5
+"""A client that leaves then stays for one measured loop, and this at most, so that the end of the fade arrives."""
 MakePort = Callable[[Capability, float, int], DevicePort]
 
 

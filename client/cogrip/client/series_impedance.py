@@ -11,8 +11,9 @@ it, and the deflection that it makes decays with w. r = 1, z = 0 is the plain po
 
 from collections.abc import Sequence
 
-RELAX_RAD_S = 100.0  # w
-LEAST_DEFLECTION_M, MOST_DEFLECTION_M = 1e-9, 0.05  # what slips beyond is not recovered
+RELAX_RAD_S = 100.0  # w, ratio of spring and damper
+LEAST_DEFLECTION_M, MOST_DEFLECTION_M = 1e-9, 0.05
+"""Bounds of a deflection: one below the first is dropped, and what slips beyond the second is not recovered."""
 
 
 class SeriesImpedance:

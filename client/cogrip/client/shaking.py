@@ -15,11 +15,12 @@ from math import cos, pi, sin, sqrt
 
 from cogrip.protocol.setting_types import PLACES
 
-SHAKE_HZ = 12.0  # rate at which hands turn at most
+SHAKE_HZ = 12.0  # cut-off frequency: hands turn at this rate at most
 WINDOW_S = 0.125
 NOTHING = (0.0,) * (4 * PLACES)
-SUSTAINED = 4  # windows
-QUALITIES = 0.5411961001461971, 1.3065629648763766  # The stages have 1 / (2 cos(pi/8)), 1 / (2 cos(3 pi/8)).
+SUSTAINED = 4  # windows in a row that a force must exceed to have lasted
+QUALITIES = 0.5411961001461971, 1.3065629648763766
+"""Quality factors of the two stages: 1 / (2 cos(pi/8)) and 1 / (2 cos(3 pi/8))."""
 
 
 class Shaking:

@@ -20,10 +20,11 @@ from cogrip.devices.device import Capability, Device, DeviceError, defect, defec
 from cogrip.devices.plausibility import ForceReports
 from cogrip.devices.sample import Sample
 
-SETTLED_S = 0.03  # of samples without a gap, after which the velocity estimate has forgotten the time before
+SETTLED_S = 0.03  # time of samples without a gap after which the velocity estimate has forgotten what was before
 ARMING_S = 1.0
-STARVED_EVERY = 32  # ticks after which the wait for a processor is asked for, which takes a microsecond
-MOST_GAP_TICKS = 3  # a gap of fewer is none: a reply may be missed now and then
+STARVED_EVERY = 32
+"""Ticks from one look at how long the loop waited for a processor to the next: a look takes a microsecond."""
+MOST_GAP_TICKS = 3  # most ticks between two samples that are no gap: a reply may be missed now and then
 
 Verb = Literal["read", "write"]
 

@@ -18,9 +18,10 @@ TIME_CONSTANT_S = 60.0
 """tau. No maker of these arms states one. Windings of motors of this size warm within 10 to 40 s, their housings within ten
 minutes, and a continuous force is rated for both together; 60 s lets 6 times F_c pass for 1.7 s, 3 times for 7 s."""
 FADE_S = 0.5
-WARN_SHARE = 0.5  # of the rise at which the limit begins to act: the motors are warm from there on
-LEAST_SHARE = 0.4  # least value used for that rise: it is lower where the peak is more than 8.5 times F_c
-CALM_SHARE = 0.9  # of the rise at which they get warm: below it they are no longer
+WARN_SHARE = 0.5  # The motors are warm from this fraction on of the rise at which the limit begins to act.
+LEAST_SHARE = 0.4
+"""Least rise that WARN_SHARE is taken of: the true one is lower where the peak is more than 8.5 times F_c."""
+CALM_SHARE = 0.9  # The motors are no longer warm below this fraction of the rise at which they get warm.
 
 
 class ThermalLimit:

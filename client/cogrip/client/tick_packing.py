@@ -3,7 +3,8 @@
 from cogrip.protocol.recording.records import Row, Tick, TickHead
 from cogrip.protocol.recording.sink import pack
 
-BEGIN = b"\xde" + len(Tick.__struct_fields__).to_bytes(2, "big")  # of a map with so many fields
+BEGIN = b"\xde" + len(Tick.__struct_fields__).to_bytes(2, "big")
+"""Header of a map with as many entries as a `Tick` has fields."""
 
 
 def pack_tick(

@@ -28,7 +28,7 @@ from cogrip.protocol.setting_types import PLACES, POSE_AXES
 
 MEMORY, LEAST_MEMORY = 0.6, 0.5
 MEMORY_TICK_S = 1.0 / 1024.0
-"""Tick that MEMORY is for; shorter ones take more."""
+"""Tick at which the memory is MEMORY; a shorter tick takes a larger one."""
 WANTED_NSPM = 20.0
 """Impedance that a device should carry, if it can: the paper's."""
 NOISE_N = 0.175

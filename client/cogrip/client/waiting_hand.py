@@ -4,7 +4,7 @@ from collections.abc import Callable
 
 from cogrip.devices.simulated.device import SimulatedDevice
 
-MOST_WAIT_S = 30.0  # that a session's time does not count
+MOST_WAIT_S = 30.0  # longest wait that a session's time does not count
 
 
 class WaitingHand:

@@ -18,7 +18,8 @@ from cogrip.protocol.settings import SeatSettings
 
 COMPENSATED_FRACTION = 1.0 / 16.0  # fraction of what was withheld that a frame compensates
 QUIET = 256  # frames for which two ticks must be spare before frames are sent later by one; fewer where more is spare
-PRESSING = 64  # frames for which one must be lacking before frames are sent sooner
+PRESSING = 64
+"""Frames for which one tick must be lacking before frames are sent sooner by one; fewer where more is lacking."""
 
 
 class ForwardLine:

@@ -20,10 +20,10 @@ from cogrip.protocol.setting_types import GRIP_AXES, PLACES, POSE_AXES
 
 FEW_TICKS = 40
 JUDGED_TICKS = 160
-MOST_AMISS = 0.02  # share of ticks at which something may go wrong on the wire
+MOST_AMISS = 0.02  # largest share of ticks at which something may go wrong on the wire
 OF_THE_WIRE = ("skipped", "missed", "malformed", "not finite", "reply too many", "device: ")
-"""A count whose name has one of these is of answers that did not come, or were none."""
-SETTLE_TICKS = 4  # from a write to what the motors do
+"""A count whose name contains one of these is a count of replies that did not come, or were none."""
+SETTLE_TICKS = 4  # ticks from a write until the motors do what it says
 
 
 class UnfitError(AssertionError):

@@ -24,12 +24,12 @@ from cogrip.protocol.handle import MOST_BUTTONS
 from cogrip.protocol.rates import LEAST_DEVICE_HZ
 from cogrip.protocol.setting_types import GRIP_AXES, POSE_AXES
 
-LARGEST = 1e6  # of any number in a record: what is above is no bound
+LARGEST = 1e6  # largest number in a record: what is above is no bound
 GRAVITY_MPS2 = 9.81
 MOST_HANDLE_KG = 5.0
-SLEW_NPS = 1000.0  # slope where a maker states none: what the client lets through anyway (docs/devices.md)
+SLEW_NPS = 1000.0  # slope limit where a maker states none: what the client lets through anyway (docs/devices.md)
 SPEED_MPS = 2.0  # over-speed where a maker states none: a reach across 0.25 m in 0.25 s peaks at 1.9 m/s (minimum jerk)
-IDEAL_SPEED_MPS = 4.0  # of a device without a mechanism: a reach of 1 m in 0.47 s
+IDEAL_SPEED_MPS = 4.0  # over-speed of a device without a mechanism: a reach of 1 m in 0.47 s
 IDEAL_STIFFNESS_NPM = 20_000.0  # the stiffest spring that the passive scheme is tried with (docs/paper.md)
 IDEAL_DAMPING_NSPM = 50.0
 

@@ -16,7 +16,8 @@ from math import hypot, isfinite
 FROZEN_M = 0.003
 SLACK_COUNTS = 8.0
 WINDOW_S = 0.2
-LAG_S = 0.04  # twice the average of 20 ms that the Force Dimension SDK takes
+LAG_S = 0.04
+"""Time for which v goes on after a tip that stops dead: twice the average of 20 ms of the Force Dimension SDK."""
 
 
 class FrozenPosition:

@@ -29,11 +29,11 @@ Array = NDArray[np.float64]
 
 MOST_HZ = 1024
 STROKE_TICKS = 28
-BEFORE_TICKS, AFTER_TICKS = 40, 40  # without force
+BEFORE_TICKS, AFTER_TICKS = 40, 40  # ticks without force before and after the strokes
 WARMS_TICKS = 310  # An arm takes up its own weight in this time after it was opened.
-SHARES = (0.05, 0.12)  # of the peak force, all axes together: of the first push, and of the second at most
-SAFE_M = 0.012  # The second push is as strong as moves the device by this at most, by the first.
-MOST_AWAY_M = 0.03  # from where a push began: it ends
+SHARES = (0.05, 0.12)  # fractions of the peak force, all axes together: of the first push, and of the second at most
+SAFE_M = 0.012  # largest motion by the second push, as foretold by that of the first
+MOST_AWAY_M = 0.03  # distance from where a push began beyond which it ends
 SILENT_TICKS = 20
 STROKES = ("+-+-+---+++-", "+--+++----++", "+--++--++--+")
 DECOYS = (
@@ -47,13 +47,13 @@ DAMPINGS_NSPM = (0.2, 0.5, 1, 1.5, 2, 3, 4, 5, 6, 8, 10, 13, 17, 22, 30)
 DEGREE = 6
 LATEST_TICKS = 9
 DOUBT = 1.3
-OTHERS = 0.2  # of the rest that a decoy leaves, at most, where the push has made the motion
-QUIET = 0.12  # and where it made nearly all of it, so that gain and delay can be told
-HASTY = 0.1  # and where the hand goes further than STEADY_M meanwhile: its haste may look like a push
+OTHERS = 0.2  # largest rest, as a fraction of the best decoy's, where the push has made the motion
+QUIET = 0.12  # value of OTHERS where the push made nearly all of the motion, so that gain and delay can be told
+HASTY = 0.1  # value of OTHERS where the hand goes further than STEADY_M meanwhile: its haste may look like a push
 STEADY_M, SWINGS = 0.006, 3.0
-CROSS = 0.5  # of the largest gain, at least that of a motion along the axis itself
+CROSS = 0.5  # An axis is swapped where its own gain is less than this fraction of the largest gain.
 MOST_GAIN = 1.5
-TOLD_TICKS = 2  # of l, from which on samples are said to be late
+TOLD_TICKS = 2  # least l at which samples are said to be late
 
 
 @dataclass(frozen=True, slots=True)

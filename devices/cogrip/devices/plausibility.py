@@ -25,20 +25,20 @@ from cogrip.machine.addition import add_floats
 from cogrip.protocol.setting_types import PLACES, POSE_AXES
 
 HAND_MPS2 = 200.0  # peak acceleration of what a hand holds; recorded strokes stay below 100
-HAND_MPS = 0.6  # speed that a hand, or a blow, adds to it within a few milliseconds
+HAND_MPS = 0.6  # speed that a hand, or a blow, adds to a handle within a few milliseconds
 REBOUND = 0.5  # share of the speed that an end stop gives back
-UNKNOWN_MPS = 1.5  # speed, as long as there are only two positions, a tick apart as counted
+UNKNOWN_MPS = 1.5  # largest speed of a device whose steps do not tell its speed yet
 SLACK_COUNTS = 4.0
-GAP_S = 0.02  # without a sample: after more the speed is not known; an older sample is not used
-STEADY = 2.0  # N of steps of one tick
-JUMPS = 3.0  # implausible samples, less half of those that were well, are a fault
+GAP_S = 0.02  # longest time without a sample after which the speed is still known; an older sample is not used
+STEADY = 2.0  # N where every step is one tick
+JUMPS = 3.0  # implausible samples, less half of the plausible ones, that are a fault
 WINDOW_S = 0.05
 DRIFT_SHARE = 0.6
 DRIFT_SLACK_M = 3e-4
 PATH_SLACK_M, PATH_SLACK_COUNTS = 2e-3, 20.0
-REPORT_S = 0.03  # the oldest force that may still act: a request was held back, and was made again
-REPORT_SLACK = 0.02  # of the peak force
-REPORTS = 3.0  # implausible ones, less half of those that were well, are a fault
+REPORT_S = 0.03  # age of the oldest force that may still act: a request was held back, and was made again
+REPORT_SLACK = 0.02  # allowance for a reported force, as a fraction of the peak force
+REPORTS = 3.0  # implausible reports, less half of the plausible ones, that are a fault
 
 NOTHING = (0.0,) * POSE_AXES
 

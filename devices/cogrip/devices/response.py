@@ -29,22 +29,21 @@ MOST_SHARE = 0.2  # A trial pushes with this share of the peak force at most.
 MOST_N = 1.0
 STROKE_TICKS = 36
 PATTERN = (1, -1, -1, 1, -1, 1, 1, -1)  # After each four strokes the device is where it was, at rest.
-BEFORE_TICKS, AFTER_TICKS = 60, 20  # without force
+BEFORE_TICKS, AFTER_TICKS = 60, 20  # ticks without force before and after the strokes
 WARMS_TICKS = 350  # An arm takes up its own weight in this time after it was opened.
-SURER, SAFE_M = 4.0, 0.015  # of a last push: as strong at most, and no further
-MOST_AWAY_M = 0.03  # from where an axis began: the trial of this axis ends
+SURER, SAFE_M = 4.0, 0.015  # A last push is at most so many times as strong, and moves the device by at most so much.
+MOST_AWAY_M = 0.03  # distance from where a push began beyond which it ends
 SILENT_TICKS = 40
 DEGREE = 4
-SMOOTHS = 9  # samples of a speed whose sign is taken
-LATEST_TICKS = 12  # of l that are tried
-MOVED_COUNTS = 30.0  # there and back, of which a push has made this much at least: else more force is tried
-EXPLAINED = 0.75  # share of the motion beside p that the push explains at least, where it moves the device
-QUIET = 0.95  # and where nothing else moves it, so that its delay can be told
-DOUBT, DOUBT_OF_ONE = (
-    1.4,
-    3.0,
-)  # a fit with samples as old as they say, worse by more than this, proves them later; a tick later
-CROSS = 0.5  # share of the largest gain that a motion along the axis itself has at least
+SMOOTHS = 9  # samples over which a speed is averaged before its sign is taken
+LATEST_TICKS = 12  # largest l that is tried
+MOVED_COUNTS = 30.0  # motion there and back that a push has to make; where it makes less, more force is tried
+EXPLAINED = 0.75  # least share of the motion beside p that the push explains where it moves the device
+QUIET = 0.95  # value of EXPLAINED where nothing else moves the device, so that its delay can be told
+DOUBT, DOUBT_OF_ONE = 1.4, 3.0
+"""A fit with samples as old as they say, worse than the best by more than this factor, proves that they are later: by
+more than a tick, or by one."""
+CROSS = 0.5  # An axis is swapped where its own gain is less than this fraction of the largest gain.
 MOST_GAIN = 1.5
 AXES = "xyz"
 

@@ -18,15 +18,15 @@ from cogrip.machine.addition import add_floats
 
 RATE_HZ = 1024
 AXES = ("x", "y", "z")
-TOWARD = ("toward you", "to your right", "up")  # in which each of them grows
-MOVED_M = 0.02  # by so much a tip has been moved, and not only held
-SIGN_S = 20.0  # for one axis
+TOWARD = ("toward you", "to your right", "up")  # directions in which the axes grow
+MOVED_M = 0.02  # least distance by which a tip has been moved, and not only held
+SIGN_S = 20.0  # longest wait for a motion along an axis
 RISE_S = 0.3
 SPRING_S = 5.0
 STIFFEST_NPM = 200.0
 MOST_N = 1.0
 LEAST_MOVED_M = 0.002
-SILENT_S = 0.02  # without a sample
+SILENT_S = 0.02  # longest time without a sample; after it the spring ends
 SPEED_TICKS = 16
 
 Clock = Callable[[int], int]

@@ -4,9 +4,9 @@ from collections.abc import Sequence
 from math import hypot
 
 WAYS = (("toward you", "away from you"), ("to your right", "to your left"), ("up", "down"))
-"""of each axis, as it grows and as it falls"""
-WELL_IN = 0.8  # of the reach, or of half the box, to which the way is told
-LEAST_M = 0.005  # of a way that is told
+"""Words for each axis, as it grows and as it falls."""
+WELL_IN = 0.8  # fraction of the reach, or of half the box, to which the way is told
+LEAST_M = 0.005  # least part of a way that is told
 
 
 def into_sphere(position_m: Sequence[float], reach_m: float) -> str:

@@ -8,7 +8,7 @@ from urllib.parse import urlsplit
 HELLO_S = 5.0
 MOST_MESSAGE_BYTES = 4096
 TOKEN, MALFORMED, NO_RIGHT, NO_HELLO, TOO_LARGE = 4401, 4400, 4403, 4408, 4413  # codes with which the socket is closed
-OVER = 4410  # Nothing will be served at this address again.
+OVER = 4410  # code of a socket that is closed for good: nothing will be served at this address again
 SOCKET, FOXGLOVE = "/socket", "/foxglove"
 HEADERS = (
     ("Cache-Control", "no-store"),

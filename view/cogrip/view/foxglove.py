@@ -23,19 +23,19 @@ from cogrip.view.playback import Playback, Status
 from cogrip.view.scene import Scene
 
 SUBPROTOCOLS = ("foxglove.sdk.v1", "foxglove.websocket.v1")
-MOST_BYTES = 64 * 1024  # of a message from the client
+MOST_BYTES = 64 * 1024  # most bytes of a message from the client
 MOST_SUBSCRIPTIONS = 1024
 SCENE_EVERY_S = 1.0
 INFO, WARNING, ERROR = 0, 1, 2
 _DATA, _TIME, _STATE = 1, 2, 5
 _PLAYBACK_REQUEST = 3
-_NOT_OFFERED_BINARY = (1, 2)  # client message data, service call
+_NOT_OFFERED_BINARY = (1, 2)  # operations that are not offered: client message data, service call
 _NOT_OFFERED = (
     "advertise", "unadvertise", "getParameters", "setParameters", "subscribeParameterUpdates", "unsubscribeParameterUpdates",
     "subscribeConnectionGraph", "unsubscribeConnectionGraph", "fetchAsset",
 )  # fmt: skip
 _STATUS_CODES: dict[Status, int] = {"playing": 0, "paused": 1, "ended": 3}
-_COMMANDS = (0, 1)  # play, pause
+_COMMANDS = (0, 1)  # commands of a playback request: play, pause
 _DATA_HEAD = Struct("<BIQ")
 _TIME_MESSAGE = Struct("<BQ")
 _STATE_HEAD = Struct("<BBQfBI")

@@ -29,10 +29,10 @@ from cogrip.view.scene import (
     workspace_of,
 )
 
-KEPT_STEPS = 512  # of the object's path, for what a person far away is still shown
+KEPT_STEPS = 512  # steps that are kept of the object's path, for what a person far away is still shown
 LOSS_S = 1.0
 OLD_SERVER = "this server is an older one: it tells observers neither names nor delays; update it to see them"
-OLD_AFTER = 64  # views with hands, and without a message about anybody
+OLD_AFTER = 64  # views with hands, but without a message about anybody, after which the server is an older one
 
 
 def scene_object(kind: str, mass_kg: float) -> SceneObject:

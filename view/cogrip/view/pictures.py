@@ -26,7 +26,7 @@ from cogrip.protocol.recording.scene_messages import (
 from cogrip.view.frames import Frame, PersonFrame
 from cogrip.view.scene import Scene, ScenePerson
 
-_PLANE_M = 0.001  # thickness
+_PLANE_M = 0.001  # thickness of a plane as it is drawn
 
 
 def drawn(scene: Scene, frame: Frame) -> frozenset[str]:

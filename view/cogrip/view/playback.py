@@ -9,9 +9,9 @@ from cogrip.view.recording import CHUNK_S
 
 Status = Literal["playing", "paused", "ended"]
 LEAST_SPEED, MOST_SPEED = 0.1, 10.0
-TURN_S = 1.0 / 60.0  # between two looks at the clock
-MOST_FRAMES = 16  # at once: of more, every n-th
-_CAUGHT_UP_S = 1.0  # a gap in the clock that is longer is left out
+TURN_S = 1.0 / 60.0  # time between two looks at the clock
+MOST_FRAMES = 16  # most frames at once: of more, every n-th is shown
+_CAUGHT_UP_S = 1.0  # longest gap in the clock that is caught up with; of a longer one only the end is shown
 
 
 class Playback:

@@ -37,12 +37,12 @@ from cogrip.view.recorded_events import client_event, server_event
 from cogrip.view.scene import WORKSPACE_M, Scene, SceneEvent, SceneObject, ScenePerson, colour, turn_of, workspace_of
 
 CHUNK_S = 10.0
-MOST_HZ = 64  # frames a second
+MOST_HZ = 64  # most frames a second
 SILENT_S = 0.5  # a client that has not ticked for so long is silent
-LOSS_S = 1.0  # over which the share of frames lost is taken
-_BEFORE_S = LOSS_S + SILENT_S  # read before a chunk, for what its first frames need
+LOSS_S = 1.0  # time over which the share of frames lost is taken
+_BEFORE_S = LOSS_S + SILENT_S  # time that is read before a chunk, for what its first frames need
 _EVENTS_AT_MOST = 2000
-_JOINING_S = 1.0  # a person's first step is no farther from the event
+_JOINING_S = 1.0  # longest time between a person's joining and the first step that tells of it
 UNKNOWN: Vector = (nan, nan, nan)
 UNKNOWN_POSE: Pose = (nan,) * 7
 _STATES: dict[str, State] = {"live": "live", "clutched": "live", "degraded": "degraded", "fault": "fault"}

@@ -14,7 +14,7 @@ from cogrip.protocol.messages import Pose
 
 Mode = Literal["live", "recording"]
 WORKSPACE_M = ((-0.1, 0.1),) * 3
-_WIDEST_M = 2.0  # of what the camera takes in
+_WIDEST_M = 2.0  # largest coordinate that the camera takes in
 EventKind = Literal["joined", "left", "lost", "kicked", "fault", "marker", "button", "other"]
 
 

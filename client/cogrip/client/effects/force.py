@@ -32,8 +32,8 @@ from cogrip.protocol.effects import MOST_EFFECTS, Effect, EffectKind, unfit_effe
 from cogrip.protocol.messages import Effects
 from cogrip.protocol.setting_types import PLACES
 
-RAMP_S = 0.02  # in which an effect comes and goes where it is not at rest
-MOST_STEP_N = 0.5  # by which a spring that comes may change the force in a tick
+RAMP_S = 0.02  # time in which an effect fades in or out where it is not at rest
+MOST_STEP_N = 0.5  # largest change of the force in a tick by a spring that fades in or out
 
 PASSIVE: dict[EffectKind, Callable[[Effect, int], PassiveLaw]] = {
     "viscous": ViscousField, "magnet": Magnet, "path": GuidingPath, "zone": ForbiddenZone,

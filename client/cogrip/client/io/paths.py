@@ -22,14 +22,16 @@ from cogrip.protocol.messages import MAX_DATAGRAM_BYTES, Redirect
 from cogrip.protocol.session import GIVE_UP_NS, MOST_REDIRECTS, ClientSession
 
 REFUSED = "connection refused"
-POLL_S = 0.002  # between two polls where nothing ticks
-# Of one path in one drain: half a second of waves. A flood may not hold a tick up while the motors hold an old force.
+POLL_S = 0.002  # time between two polls where nothing ticks
+# Most datagrams of one path in one drain: half a second of waves. A flood may not hold a tick up while the motors hold
+# an old force.
 MOST_DATAGRAMS = 64
-# A datagram that waited longer, as a loop was away or a device was opened, is given on as if it had waited so long: as news.
+# Longest wait that is believed. A datagram that waited longer, while the loop was away or a device was opened, is
+# passed on as if it had waited so long.
 MOST_WAITED_NS = 20_000_000
-MOST_MESSAGES = 16  # of one datagram: an honest one holds one or two
-LEFT = "left for the next tick"  # counted by drain
-TOO_MANY = "too many messages"  # counted by message
+MOST_MESSAGES = 16  # most messages taken from one datagram: an honest one holds one or two
+LEFT = "left for the next tick"  # reason that `drain` counts where it stops at MOST_DATAGRAMS
+TOO_MANY = "too many messages"  # reason under which each message beyond MOST_MESSAGES is counted
 
 
 class JoinError(Exception):

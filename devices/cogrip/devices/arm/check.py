@@ -3,10 +3,10 @@
 from dataclasses import dataclass
 
 LEAST_RATE_HZ = 1000.0
-MOST_LATENCY_US = 900.0  # the reply must have come when the next tick of 1024 Hz reads it
+MOST_LATENCY_US = 900.0  # longest time to a reply: it must have come when the next tick of 1024 Hz reads it
 MOST_MISSED = 0.001
 MOST_NOISE_COUNTS = 1
-LEAST_MOVED_COUNTS = 4  # under the test current; less is friction, or nothing
+LEAST_MOVED_COUNTS = 4  # least motion under the test current; less is friction, or nothing
 JOINTS = "abc"
 
 

@@ -20,17 +20,18 @@ from cogrip.devices.way_in import into_sphere
 from cogrip.machine.addition import add_floats
 from cogrip.protocol.rotations import Quaternion
 
-HEADROOM = 0.92  # of the peak force: currents are those of where the arm was, and hold while it moves on
-SILENT_S = 0.05  # so long after the last reading the arm is where nobody knows: by then there is no current
+HEADROOM = 0.92
+"""Largest force, as a fraction of the peak force. Currents are those of where the arm was, and hold as it moves on."""
+SILENT_S = 0.05  # time after the last reading by which there is no current: nobody knows where the arm is then
 ZERO: Vector = (0.0, 0.0, 0.0)
-PAUSE_S = (
-    0.09  # without a request, after which a firmware's watchdog may have switched the motors off: serial has 0.1 s
-)
-REST_S = 0.02  # without force after that: the client takes it for let go, and ramps
-TREMBLE_COUNTS = 20  # of a hand that holds the arm while its counters are loaded
-GOODBYES = 2  # requests for no current when it is closed
-RISE_S = 0.3  # of the weight that is held
-FALL_S = 0.04  # gone before the 50 ms after which no force may be left
+PAUSE_S = 0.09
+"""Time without a request after which a firmware's watchdog may have switched the motors off: serial has 0.1 s."""
+REST_S = 0.02  # time without force after a pause of PAUSE_S: the client takes the arm for let go, and ramps
+TREMBLE_COUNTS = 20  # largest motion of an arm that a hand holds while its counters are loaded
+GOODBYES = 2  # requests for no current that are made when the arm is closed
+RISE_S = 0.3  # time in which the compensation of the weight rises from none to all
+FALL_S = 0.04
+"""Time in which the compensation of the weight falls to none: within the 50 ms after which no force may be left."""
 
 
 class WeightCompensation:

@@ -16,13 +16,13 @@ from math import dist
 
 from cogrip.devices.plausibility import GAP_S, STEADY, off_course_m
 
-MOST_ACCELERATION_MPS2 = 250.0  # 14 N of hand and 5 N of motors on 75 g
-SLACK_COUNTS = 4  # of noise and of readings that are not evenly spaced
-MOST_SPEED_MPS = 1.5  # of an arm that is not known yet
+MOST_ACCELERATION_MPS2 = 250.0  # largest acceleration of the tip: 14 N of hand and 5 N of motors on 75 g
+SLACK_COUNTS = 4  # allowance for noise and for readings that are not evenly spaced
+MOST_SPEED_MPS = 1.5  # largest speed of a tip whose speed is not known yet
 STUCK_S = 0.02
-QUICK_COUNTS = 1.5  # a tick
-STILL_TICKS = 8  # without a reading: whether it stopped dead is not known
-DEAD = 0.7  # share of its pace that a joint still has when it stops dead
+QUICK_COUNTS = 1.5  # least pace of a joint that can stop dead, in counts a tick
+STILL_TICKS = 8  # ticks without a reading beyond which it is not known whether a joint stopped dead
+DEAD = 0.7  # least share of its pace that a joint still has before it stops dead
 _NAMES = "abc"
 
 

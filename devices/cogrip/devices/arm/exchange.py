@@ -16,8 +16,8 @@ import msgspec
 from cogrip.devices.device import DeviceError
 
 RETRY_S = 0.005  # a request that is not answered for so long is made again
-MOST_DRAINED = 1000  # reads; a device that only answers has nothing more to say long before
-PATIENCE = 0.25  # share of a tick that a reply which is not there yet is waited for
+MOST_DRAINED = 1000  # Most reads that drain a port. A device that only answers has nothing more to say long before.
+PATIENCE = 0.25  # share of a tick for which a reply that is not there yet is waited for
 
 
 class Reading(msgspec.Struct, frozen=True, gc=False):

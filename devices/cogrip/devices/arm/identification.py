@@ -41,23 +41,25 @@ from cogrip.devices.device import Device, DeviceError
 RATE_HZ = 1024
 AMPLITUDE_M = 0.010
 FREQUENCIES_HZ = (0.75, 1.5, 3.0)
-SETTLE_S = 1.0  # at least, before the periods that are measured; these begin and end where the tip turns
-PERIODS = 3  # measured
-LEAVE = 0.25  # periods after them, back to the middle
+SETTLE_S = 1.0  # least time before the periods that are measured; these begin and end where the tip turns
+PERIODS = 3  # periods measured at each frequency
+LEAVE = 0.25  # periods after the measured ones, in which the tip goes back to the middle
 FADE_S = 0.25
-FRAMES = 64  # a period, each of M ticks: of path and of int v^2 dt, 0.1 % is lost
-REST_S = 0.5  # before the first swing: what holds an arm's weight rises in 0.3 s
+FRAMES = 64  # frames of M ticks in a period: 0.1 % of path and of int v^2 dt is lost
+REST_S = 0.5  # time without force before the first swing: what holds an arm's weight rises in 0.3 s
 VELOCITY_TICKS = 16
-ERROR_M = 0.005  # off the reference by so much the force is at its bound
-MOST_RADPS = 40.0  # of the spring on the record's mass: slow against the age of a sample
+ERROR_M = 0.005  # least distance from the reference at which the force is at its bound
+MOST_RADPS = 40.0  # largest natural frequency of the spring on the record's mass: slow against the age of a sample
 DAMPING_RATIO = 0.7
-MOST_AWAY_M = 0.03  # further from the middle, or faster, and the arm is let go
+MOST_AWAY_M = 0.03  # The arm is let go where it is further from the middle than this, or faster than MOST_SPEED_MPS.
 MOST_SPEED_MPS = 0.5
-SILENT_S = 0.05  # without a reply, or without a tick: soon after a driver, or the firmware, lets go by itself
+SILENT_S = 0.05
+"""Longest time without a reply, or without a tick. Soon after it a driver, or the firmware, lets go by itself."""
 SIGMAS = 3.0
-LEAST_PATH_M = 0.010  # a period: a quarter of what the reference goes; at two frequencies or more
-MOST_SCATTER = 0.2  # of the points about their line, of their mean
-SAME = 0.99  # cosine between two directions that are one
+LEAST_PATH_M = 0.010
+"""Least path in a period that is used, a quarter of the reference's. Two frequencies or more must reach it."""
+MOST_SCATTER = 0.2  # largest scatter of the points about their line, as a fraction of their mean
+SAME = 0.99  # least cosine of the angle between two directions that count as one
 GRID = 5  # points along each axis of the workspace
 
 Array = NDArray[np.float64]

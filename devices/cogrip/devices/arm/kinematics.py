@@ -8,7 +8,7 @@ from typing import Protocol, TypeAlias
 
 Vector: TypeAlias = tuple[float, float, float]
 Matrix: TypeAlias = tuple[Vector, Vector, Vector]
-"""Rows. A Jacobian is dp_i / dt_j at [i][j]."""
+"""Three rows. A Jacobian has dp_i / dt_j at [i][j]."""
 
 NO_TORQUE: Vector = (0.0, 0.0, 0.0)
 

@@ -22,7 +22,8 @@ from math import atan2, cos, hypot, pi, sin, sqrt
 
 from cogrip.devices.arm.kinematics import NO_TORQUE, Matrix, Vector
 
-_SMALLEST_LEVER = 1e-3  # of the rod on the forearm, sine of the angle between them; below, torques have no bound
+_SMALLEST_LEVER = 1e-3
+"""Least lever of the rod on the forearm, as the sine of the angle between them; below it, torques have no bound."""
 
 
 @dataclass(frozen=True, slots=True)

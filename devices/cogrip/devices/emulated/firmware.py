@@ -6,7 +6,7 @@ from cogrip.devices.emulated.faults import Faults
 from cogrip.devices.emulated.mechanics import Mechanics
 
 JUMP_COUNTS = 400
-STEP_NS = 2_000_000  # a watchdog lets go on time also where nobody looks for long
+STEP_NS = 2_000_000  # longest step of time, so that a watchdog lets go on time also where nobody looks for long
 
 
 class Firmware(ABC):

@@ -14,7 +14,7 @@ from cogrip.devices.emulated.firmware import Firmware
 from cogrip.devices.emulated.mechanics import Mechanics
 
 WATCHDOG_NS = 100_000_000
-MOST_MA = 6000  # a motor that is asked for more gets nothing
+MOST_MA = 6000  # largest current of a motor; one that is asked for more gets none
 LONGEST = 127
 IDLE_PWM = 4095
 _BLANKS = b"\n\r\0"

@@ -13,7 +13,7 @@ from cogrip.devices.emulated.mechanics import Mechanics
 
 WATCHDOG_NS = 500_000_000
 IDLE_DUTY = 0.5
-SWING = 0.4  # the amplifier's full scale is 10 to 90 %
+SWING = 0.4  # change of the duty at full current: the amplifier's full scale is 10 to 90 %
 BYTES = {"mbed14": 14, "teensy64": 64, "mbed8": 8}
 _REPORT = Struct("<7h")
 _REPORT_2016 = Struct("<3hH")

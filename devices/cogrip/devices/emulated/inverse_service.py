@@ -18,9 +18,9 @@ from cogrip.devices.inverse.family import CENTRE_M, RECORD
 
 IDLE_NS = 500_000_000
 VELOCITY_NS = 5_000_000  # A velocity is the mean over this time.
-GRIP_HZ = 0.5  # at which the handle turns to and fro
+GRIP_HZ = 0.5  # rate at which the handle turns to and fro
 GRIP_RAD = 0.6
-MOST_N = 10.0  # of each part of a force command
+MOST_N = 10.0  # largest part of a force command along an axis
 
 
 class _Axes:
@@ -40,7 +40,7 @@ class _Axes:
 
 
 _ONE: Vector = (1.0, 1.0, 1.0)
-_TURN = 2.0 * pi / RECORD.resolution_m  # counts
+_TURN = 2.0 * pi / RECORD.resolution_m  # counts in a turn of 2 pi, so that a count is the record's resolution
 MODEL = ArmModel(
     _Axes(),
     CableDrive((_TURN, _TURN, _TURN), _ONE, _ONE, _ONE, _ONE, (2e4, 2e4, 2e4), 2e4),

@@ -10,8 +10,8 @@ from cogrip.devices.arm.model import ArmModel
 from cogrip.devices.simulated.device import SimulatedDevice
 from cogrip.devices.simulated.hands import Hand
 
-STEP_M = 1e-5  # of the slopes
-STEP_HZ = 4096  # of the body
+STEP_M = 1e-5  # step of the difference quotients that give the slopes
+STEP_HZ = 4096  # rate of the body's steps
 
 
 class Body:

@@ -23,15 +23,15 @@ from cogrip.devices.frozen_position import FrozenPosition
 from cogrip.protocol.rotations import Quaternion, log, of_matrix
 from cogrip.protocol.setting_types import GRIP_AXES, PLACES, POSE_AXES
 
-WATCHDOG = 255  # x 125 us = 32 ms without a force, and the controller turns forces off
-FED_S = 0.025  # a longer pause between two forces may have been the watchdog's
-RESTS_S = 0.02  # without force before forces are enabled again: the client takes it for let go, and ramps
+WATCHDOG = 255  # units of 125 us: after 32 ms without a force the controller turns forces off
+FED_S = 0.025  # pause between two forces from which on the watchdog may have turned forces off
+RESTS_S = 0.02  # time without force before forces are enabled again: the client takes the device for let go, and ramps
 SETTLES_TICKS = 2  # Forces are asked for so many ticks after they were enabled.
-STATUS_TICKS = 16  # how often it is asked whether its forces are still on
+STATUS_TICKS = 16  # ticks from one question whether its forces are still on to the next
 ZERO: Vector = (0.0, 0.0, 0.0)
 CURE = "check its cable and power, then open it again"
 
-_opened: set[int] = set()  # the SDK gives a device that is open to whoever asks for it again
+_opened: set[int] = set()  # numbers of open devices: the SDK gives an open one to whoever asks for it again
 
 
 class ForceDimensionDevice(Driver):

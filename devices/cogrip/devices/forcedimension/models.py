@@ -11,8 +11,8 @@ from dataclasses import replace
 from cogrip.devices.device import SLEW_NPS, Capability, DeviceError, Gripper, Rotation, encoder_record
 from cogrip.protocol.setting_types import GRIP_AXES, PLACES, POSE_AXES
 
-GRIP_M = (0.0, 0.03)  # data sheets: 25 to 27 mm
-CAUTIOUS = "falcon"  # the record of a device whose model is not stated: the weakest
+GRIP_M = (0.0, 0.03)  # range of a gripper's opening; data sheets say 25 to 27 mm
+CAUTIOUS = "falcon"  # model whose record serves where none is stated: the weakest
 
 
 RECORDS = {
@@ -47,7 +47,7 @@ RECORDS = {
 """See `encoder_record`. The SDK's velocity is an average over 20 ms; the client's estimator is chosen for the encoders."""
 
 
-WRISTS = ("delta6", "sigma6", "sigma7", "lambda7")  # with motors
+WRISTS = ("delta6", "sigma6", "sigma7", "lambda7")  # models with motors at the wrist
 GRIPPERS = ("omega7", "sigma7", "lambda7")
 WRIST = Rotation(
     peak_torque_nm=0.2, continuous_torque_nm=0.1, damping_nms=0.02, slew_nmps=20.0, speed_radps=15.0, resolution_rad=2e-4,
@@ -60,7 +60,7 @@ GRIPPER = Gripper(
 
 
 _NEEDED = {POSE_AXES: (WRISTS, "wrist with motors"), GRIP_AXES: (GRIPPERS, "gripper with force")}
-"""number of axes -> models that have them, and by what"""
+"""Number of axes -> the models that have so many, and the part that gives them."""
 
 
 def axes_of(model: str) -> int:

@@ -20,7 +20,7 @@ from math import acos, atan2, cos, hypot, sin, sqrt
 
 from cogrip.devices.arm.kinematics import NO_TORQUE, Matrix, Vector
 
-FLAT = 0.02  # sine of the angle at the tip, below which the linkage only just closes
+FLAT = 0.02  # least sine of the angle at the tip; below it the linkage only just closes
 
 
 @dataclass(frozen=True, slots=True)

@@ -17,9 +17,10 @@ from cogrip.machine.addition import add_integers
 
 RESET, SETUP, TORQUE = 0, 1, 2
 PORTS = (1, 2, 3, 4)
-STEP_NM = 1e-5  # of motor commands: finer than the 12 bits of the firmware
-MOST_DEG = 7200.0  # further than any arm turns: what says more is no angle
-WHOLE = 0.02  # of a count: an angle comes from a counter, and 32 bits are exact to 0.002 counts here
+STEP_NM = 1e-5  # step of motor commands: finer than the 12 bits of the firmware
+MOST_DEG = 7200.0  # largest angle that is believed: no arm turns so far
+WHOLE = 0.02
+"""Largest distance of an angle from a whole count. It comes from a counter, and 32 bits are exact to 0.002 counts."""
 
 _FLOAT = struct.Struct("<f")
 

@@ -13,8 +13,8 @@ from cogrip.devices.arm.exchange import Port
 from cogrip.devices.device import DeviceError
 from cogrip.devices.haply.frames import HaplyCodec, reset_frame
 
-IDS = 20  # of each kind
-CALIBRATED_ID = 6  # and the 19 after; Haply's own examples use 3 and 5
+IDS = 20  # number of ids of each kind
+CALIBRATED_ID = 6  # first of the ids of calibrations; Haply's own examples use 3 and 5
 SESSION_ID = 27
 LAST_RESORT_ID = 47
 TRIES = 3

@@ -25,9 +25,9 @@ from cogrip.devices.haply.five_bar import FiveBar
 from cogrip.devices.haply.frames import STEP_NM, Wiring
 from cogrip.devices.settings import bounded
 
-MOST_NM = 0.123  # the firmware clamps there
-MARGIN_M = 0.001  # that a leg is never stretched or folded to the last
-_STEP_NM_PER_A = 1000.0 * STEP_NM  # so that the drive's whole "milliamperes" are steps of torque
+MOST_NM = 0.123  # largest torque of a motor: the firmware clamps there
+MARGIN_M = 0.001  # margin of the reach, so that a leg is never stretched or folded to the last
+_STEP_NM_PER_A = 1000.0 * STEP_NM  # torque constant that makes the drive's whole "milliamperes" steps of torque
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

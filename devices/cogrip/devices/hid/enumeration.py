@@ -9,9 +9,10 @@ from dataclasses import dataclass
 from cogrip.devices.device import DeviceError
 
 MOST_LISTED = 8
-USAGE = (0xFFAB, 0x0200)  # usage page and usage of all of them
+USAGE = (0xFFAB, 0x0200)  # usage page and usage of all variants
 MBED_ID = (0x1234, 0x0006)
-MBED_PRODUCT = "HID DEVICE"  # the mbed library's own: any mbed toy has the same numbers, and most have this too
+MBED_PRODUCT = "HID DEVICE"
+"""Product name that the mbed library itself gives: any mbed toy has the same numbers, and most have this name too."""
 TEENSY_ID = (0x16C0, 0x0486)
 
 

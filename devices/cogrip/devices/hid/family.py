@@ -17,7 +17,7 @@ from cogrip.devices.settings import Address, Setting, check_axes, read_query, un
 
 ARMS = {name.removesuffix("-hid"): model for name, model in MODELS.items() if model.record.family == "hid"}
 NAMES = tuple(ARMS)
-NO_FORCE_N = 1e-9  # what a record can say that comes nearest to none
+NO_FORCE_N = 1e-9  # least force that a record can state, for a device that gives none
 NO_LIMIT_MA = (0.0, 0.0, 0.0)
 
 

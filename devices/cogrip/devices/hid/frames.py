@@ -16,7 +16,7 @@ from cogrip.devices.device import DeviceError
 from cogrip.devices.hid.enumeration import VARIANTS
 
 APPLY, LOAD = 0, 1
-MOST_TURNED, PRESSED = 5000, 10000  # counts d: of a gimbal at most, and more while the button is down
+MOST_TURNED, PRESSED = 5000, 10000  # largest count d of a gimbal, and what a button that is down adds to it
 _IN = Struct("<7h")
 _OUT = Struct("<x7h")
 _IN_2016 = Struct("<3hH")

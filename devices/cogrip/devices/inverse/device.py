@@ -10,12 +10,13 @@ from cogrip.devices.driver import Driver
 from cogrip.devices.frozen_position import FrozenPosition
 from cogrip.devices.inverse.messages import InverseCodec
 
-INVENTORY_S = 2.0  # for the service's first message
-SILENT_S = 0.04  # so long after the last state update no force is asked for
-GONE_UPDATES = 3  # in a row without the device, or in which it is without power or not ready: it is lost
-PAUSE_S = 0.025  # without a command, after which the device may have gone idle: no page says how soon it does
-REST_S = 0.02  # without force after it: the client takes it for let go, and ramps
-GOODBYES = 2  # messages without force when it is closed
+INVENTORY_S = 2.0  # longest wait for the service's first message
+SILENT_S = 0.04  # time after the last state update beyond which no force is asked for
+GONE_UPDATES = 3
+"""Updates in a row without the device, or with one that has no power or is not ready, after which it is lost."""
+PAUSE_S = 0.025  # time without a command after which the device may have gone idle: no page says how soon it does
+REST_S = 0.02  # time without force after a pause of PAUSE_S: the client takes the device for let go, and ramps
+GOODBYES = 2  # messages without force that are sent when the device is closed
 ZERO: Vector = (0.0, 0.0, 0.0)
 
 

@@ -15,7 +15,7 @@ from cogrip.devices.inverse.messages import BUTTONS, Dialect, InverseCodec
 from cogrip.devices.registry import Family
 from cogrip.devices.settings import Address, Setting, check_axes, read_query
 
-DEFAULT = ("localhost", 10001)  # of the simulation channel
+DEFAULT = ("localhost", 10001)  # host and port of the service's simulation channel
 HALF_M = (0.07, 0.11, 0.08)
 RECORD: Capability = replace(
     encoder_record(

@@ -19,12 +19,12 @@ from cogrip.devices.arm.exchange import Reading
 from cogrip.devices.device import DeviceError
 from cogrip.machine.addition import add_integers
 
-FARTHEST_M = 2.0  # a cursor farther from its base than any arm is long
-UNIT = 0.01  # an orientation's norm may differ from 1 by so much
-BUTTONS = ("a", "b", "c")  # of a wireless VerseGrip; the one on a wire has a single one
+FARTHEST_M = 2.0  # largest coordinate of a cursor: no arm is so long
+UNIT = 0.01  # largest difference of an orientation's norm from 1
+BUTTONS = ("a", "b", "c")  # buttons of a wireless VerseGrip; the one on a wire has a single one
 
 Dialect: TypeAlias = Literal["auto", "vector", "values"]
-"""Name of the force in its command: "vector" on the pages of 3.5, "values" on those of 3.1 and in Isaac Lab."""
+"""Name of the force in a command: "vector" on the pages of 3.5, "values" on those of 3.1 and in Isaac Lab."""
 
 _Metres = Annotated[float, Meta(ge=-FARTHEST_M, le=FARTHEST_M)]
 _Part = Annotated[float, Meta(ge=-1.0 - UNIT, le=1.0 + UNIT)]

@@ -11,8 +11,8 @@ MOST_TEST_MA = 200.0
 STEP_S = 0.001
 RAMP_S = 0.1
 HOLD_S = 0.15
-LATE_S = 0.1  # a reply that has not come by then never will
-ENOUGH_COUNTS = 60  # it has moved: no need to push on
+LATE_S = 0.1  # longest wait for a late reply: one that has not come by then never will
+ENOUGH_COUNTS = 60  # motion at which the arm has moved for sure: no need to push on
 ZERO = (0.0, 0.0, 0.0)
 _JOINTS = 3
 

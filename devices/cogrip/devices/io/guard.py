@@ -25,7 +25,9 @@ BEATS, PUSHING, STEPPED_IN = 0, 1, 2
 """Words of the page: writes of the driver; whether the last left a torque on; how often the guard stepped in."""
 
 WORDS = 3
-STALL_NS = 36_000_000  # since a write was seen; with LOOK_S before and after, the torque is off within 50 ms
+STALL_NS = 36_000_000
+"""Longest time between two writes while a torque is on. With LOOK_S before and after, the torque is off within 50
+ms."""
 LOOK_S = 0.005
 REPLY_S = 0.02
 TRIES = 5

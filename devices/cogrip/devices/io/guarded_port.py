@@ -17,9 +17,9 @@ from cogrip.devices.io.guard import BEATS, PUSHING, READY, STEPPED_IN, WORDS, Go
 from cogrip.devices.io.platform import CAN_SHARE
 from cogrip.devices.io.serial_port import SerialPort
 
-START_S = 1.5  # less than a server waits for a client that says nothing
+START_S = 1.5  # longest wait for the guard to start: less than a server waits for a client that says nothing
 END_S = 2.0
-LOOK_WRITES = 64  # after so many the port looks whether the guard still lives
+LOOK_WRITES = 64  # writes from one look whether the guard still lives to the next
 
 
 def any_number() -> int:

@@ -10,7 +10,7 @@ from typing import Any, NamedTuple
 from cogrip.devices.device import DeviceError
 from cogrip.devices.io.platform import HD_LIBRARIES
 
-MOST_ERRORS = 64  # a library that never stops reporting must not hold up its own servo
+MOST_ERRORS = 64  # most errors read at once: a library that never stops reporting must not hold up its own servo
 
 
 class ErrorInfo(ctypes.Structure):

@@ -25,7 +25,7 @@ from cogrip.devices.openhaptics.models import Facts
 _Answer = TypeVar("_Answer")
 
 INVALID_HANDLE = 0xFFFFFFFF
-NO_REASON = 0x303  # mostly a name that the vendor's settings do not have
+NO_REASON = 0x303  # code of an error without a reason: mostly a name that the vendor's settings do not have
 MODEL_TYPE, CALIBRATION_STYLE = 0x2501, 0x2555
 NOMINAL_MAX_STIFFNESS, NOMINAL_MAX_FORCE, NOMINAL_MAX_CONTINUOUS_FORCE = 0x2602, 0x2603, 0x2604
 FORCE_OUTPUT = 0x4000
@@ -33,7 +33,7 @@ DONE, CONTINUE, CHECK_STATUS = 0, 1, 0
 CURRENT_BUTTONS, CURRENT_POSITION, CURRENT_TRANSFORM, CURRENT_FORCE = 0x2000, 0x2050, 0x2052, 0x2700
 MAX_PRIORITY, MIN_PRIORITY = 0xFFFF, 0
 
-_servos: dict[int, Servo] = {}  # by library: it has one scheduler in a process
+_servos: dict[int, Servo] = {}  # servo of each library, which has one scheduler in a process
 
 
 def servo_of(library: str) -> Servo:

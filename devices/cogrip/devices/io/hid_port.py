@@ -23,11 +23,11 @@ from cogrip.devices.io import platform
 from cogrip.devices.io.plugging import stamp_of
 from cogrip.devices.io.report_socket import SocketDevice, is_socket
 
-LONGEST_REPORT = 65  # one more than any has, so that a longer one is not taken for a right one
-MOST_WAITING = 64  # reports that a system keeps
-FIRST_MS = 50  # after opening, a report that was waiting in the device is here
-CLOSE_S = 0.2  # for the last report to go
-PAUSE_S = 5e-5  # between two looks, where the wait is shorter than the millisecond hidapi can wait
+LONGEST_REPORT = 65  # bytes to ask for: one more than any report has, so that a longer one is not taken for a right one
+MOST_WAITING = 64  # most reports that a system keeps
+FIRST_MS = 50  # wait after opening in which a report that was waiting in the device comes
+CLOSE_S = 0.2  # longest wait for the last report to go
+PAUSE_S = 5e-5  # time between two looks, where the wait is shorter than the millisecond hidapi can wait
 
 
 class _Writer:

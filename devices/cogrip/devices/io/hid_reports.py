@@ -11,7 +11,7 @@ from cogrip.devices.steered.spacemouse import USB_IDS, SpaceMouseDecoder
 
 LONGEST = 64
 MOST_AT_ONCE = 32
-MULTI_AXIS = (0x01, 0x08)  # usage page and usage
+MULTI_AXIS = (0x01, 0x08)  # usage page and usage of a multi-axis controller
 
 
 class HidReports:

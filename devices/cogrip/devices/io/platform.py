@@ -15,7 +15,7 @@ from pathlib import Path
 
 import serial
 
-MOST_BYTES = 1 << 16  # taken in at once
+MOST_BYTES = 1 << 16  # most bytes taken in at once
 SEQUENCED = hasattr(socket, "AF_UNIX") and hasattr(socket, "SOCK_SEQPACKET")
 """Local sockets that keep messages apart."""
 

@@ -23,7 +23,7 @@ from cogrip.protocol.texts import shown
 
 BY_ID = Path("/dev/serial/by-id")
 TEENSY_SERIAL = (0x16C0, 0x0483)
-LOOK_S = 0.2  # for a service on this machine
+LOOK_S = 0.2  # longest wait for a service on this machine
 INPUT_ONLY = "input only, no force reaches the hand"
 USUAL_HID = "woodenhaptics"
 ARDUINO_VID = 0x2341

@@ -6,7 +6,7 @@ from contextlib import suppress
 from cogrip.devices.device import DeviceError
 
 MOST_BYTES = 4096
-MOST_AT_ONCE = 16  # messages a tick: a page sends a few hundred a second
+MOST_AT_ONCE = 16  # most messages taken in a tick: a page sends a few hundred a second
 
 
 class PointerSocket:

@@ -12,7 +12,7 @@ from cogrip.devices.device import DeviceError
 from cogrip.devices.io import platform
 from cogrip.devices.io.plugging import stamp_of
 
-BAUD = 115200  # the devices ignore it, but 0 would mean hang-up
+BAUD = 115200  # baud rate: the devices ignore it, but 0 would mean hang-up
 _Answer = TypeVar("_Answer")
 
 

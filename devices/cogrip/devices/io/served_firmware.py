@@ -13,7 +13,7 @@ from collections.abc import Callable, Sequence
 from cogrip.devices.emulated.faults import VERBS
 from cogrip.devices.emulated.firmware import Firmware
 
-IDLE_S = 0.02  # how long the arm's mechanics may stand still
+IDLE_S = 0.02  # longest time for which the arm's mechanics may stand still
 
 
 class ServedFirmware(ABC):

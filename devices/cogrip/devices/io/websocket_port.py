@@ -17,9 +17,9 @@ from websockets.uri import parse_uri
 
 from cogrip.devices.device import DeviceError
 
-OPEN_S = 3.0  # for connection and handshake
-MOST_BYTES = 65536  # of one message, and of what the other end has not taken: some hundred messages
-MOST_AT_ONCE = 16  # reads: one that sends without end must not hold the loop up
+OPEN_S = 3.0  # longest time for connection and handshake
+MOST_BYTES = 65536  # most bytes of a message, and of what the other end has not taken: some hundred messages
+MOST_AT_ONCE = 16  # most reads at once: an end that sends without a stop must not hold the loop up
 _DATA = (Opcode.TEXT, Opcode.BINARY, Opcode.CONT)
 
 

@@ -11,7 +11,7 @@ from cogrip.devices.openhaptics.models import ALL_BUTTONS, Facts, lowered
 
 OK, NEEDS_UPDATE, NEEDS_MANUAL_INPUT = 0x5000, 0x5001, 0x5002
 ENCODER_RESET, AUTO, INKWELL = 1, 2, 4
-TRIES = 200  # each takes a frame, a millisecond
+TRIES = 200  # most looks at the calibration; each takes a frame, a millisecond
 
 BY_HAND = {
     AUTO: "move the arm slowly through its workspace",

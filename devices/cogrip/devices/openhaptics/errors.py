@@ -11,7 +11,7 @@ FORCE_ERRORS = {
     0x203: "exceeded max velocity",
     0x204: "force error",
 }
-"""The library goes on after these; the force of the frame is dropped."""
+"""Errors after which the library goes on; the force of the frame is dropped."""
 
 OTHER_ERRORS = {
     0x100: "invalid enum",

@@ -13,9 +13,10 @@ from cogrip.devices.arm.kinematics import Vector
 from cogrip.devices.openhaptics.errors import FORCE_ERRORS, name_of
 from cogrip.protocol.rotations import Quaternion, of_matrix
 
-SERVO_HZ = 1000  # the library's own pace, unless it is told another one
-HOLD_FRAMES = SERVO_HZ // 20  # 50 ms: a force that the loop has not renewed for so long is not held
-MOST_WITHHELD = SERVO_HZ // 20  # frames in a row whose force was dropped for errors: more, and the device is lost
+SERVO_HZ = 1000  # rate of the servo by the library itself, unless it is told another one
+HOLD_FRAMES = SERVO_HZ // 20  # frames, 50 ms in all, for which a force that the loop does not renew is held
+MOST_WITHHELD = SERVO_HZ // 20
+"""Most frames in a row whose force is dropped for errors; after more, the device is lost."""
 ZERO: Vector = (0.0, 0.0, 0.0)
 _OURS = (2, 0, 1)  # numbers of the library's axes in the order of ours
 

@@ -9,10 +9,10 @@ from math import isfinite
 
 from cogrip.devices.device import Capability, DeviceError, encoder_record
 
-RATE_HZ = 1024  # a little more than the servo's 1000 Hz: some 24 ticks a second then find nothing new
-BUTTONS = 4  # that the library tells of, whatever the stylus has
+RATE_HZ = 1024  # rate in the records, a little above the servo's 1000 Hz: some 24 ticks a second then find nothing new
+BUTTONS = 4  # buttons that the library tells of, whatever the stylus has
 ALL_BUTTONS = (1 << BUTTONS) - 1
-CAUTIOUS = "touch"  # the record of a device whose model is not stated: the weakest
+CAUTIOUS = "touch"  # model whose record serves where none is stated: the weakest
 
 
 def _centred(size_m: tuple[float, ...]) -> tuple[tuple[float, float], ...]:

@@ -20,7 +20,7 @@ ERRORS = {
     512: "not two commas",
     1024: "not three integers",
 }
-REJECTED = 8  # from here on the request was not acted upon, and the counts are old
+REJECTED = 8  # first error code that says that the request was not acted upon, and that the counts are old
 SHORTEST_REQUEST = 16
 LONGEST_REPLY = 128
 

@@ -30,7 +30,7 @@ from cogrip.protocol.rotations import UNTURNED, between, exp, log, product
 from cogrip.protocol.setting_types import PLACES, POSE_AXES
 
 SLEW_NMPS = 30.0
-SPEED_RADPS = 20.0  # a wrist turns by 60 degrees in 0.1 s at 10 rad/s
+SPEED_RADPS = 20.0  # over-speed of rotation; a wrist turns by 60 degrees in 0.1 s at 10 rad/s
 ADVISED_AT_HZ = 1024
 
 

@@ -22,7 +22,7 @@ Array: TypeAlias = NDArray[np.float64]
 RETURN_S = 1.0
 """With loop=1: the time from the last position back to the first, by minimum jerk, so that no seam kicks."""
 
-MOST_S = 14_400.0  # of a recorded motion: every tick of it is worked out before it begins
+MOST_S = 14_400.0  # longest recorded motion: every tick of it is worked out before it begins
 
 
 class RecordedSettings(ImpedanceSettings, frozen=True, kw_only=True):

@@ -24,7 +24,8 @@ from dataclasses import dataclass
 from functools import lru_cache
 from math import ceil, log2, sqrt
 
-_TERMS = 18  # of the series, where k T^2 and c T are at most 1/4 and 1/2: what is left out is below 1e-17 of the sum
+_TERMS = 18
+"""Terms of the series, where k T^2 and c T are at most 1/4 and 1/2: what is left out is below 1e-17 of the sum."""
 
 
 @dataclass(frozen=True, slots=True)

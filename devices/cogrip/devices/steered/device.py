@@ -16,9 +16,9 @@ from cogrip.devices.web.hand import STRETCH_N, PointerSettings, lead_m
 
 Vector = tuple[float, float, float]
 
-MOST_MPS = 0.18  # at which all of the hand's pull goes into its own damper
-RUMBLE_HZ = 20  # at which a motor is told anew
-RUMBLE_STEP = 0.05  # less of a change is not told
+MOST_MPS = 0.18  # speed at which all of the hand's pull goes into its own damper
+RUMBLE_HZ = 20  # rate at which a motor is told its strength
+RUMBLE_STEP = 0.05  # least change of the strength that is told
 
 
 class SteeredSettings(msgspec.Struct, frozen=True, kw_only=True):

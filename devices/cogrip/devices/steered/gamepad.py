@@ -11,17 +11,17 @@ from struct import Struct, pack
 EV_SYN, EV_KEY, EV_ABS, EV_FF = 0x00, 0x01, 0x03, 0x15
 SYN_DROPPED = 3
 ABS_X, ABS_Y, ABS_RY, ABS_RZ = 0x00, 0x01, 0x04, 0x05
-STEERING = (ABS_Y, ABS_X, ABS_RY, ABS_RZ)  # toward the user, right, down, down
+STEERING = (ABS_Y, ABS_X, ABS_RY, ABS_RZ)  # axes that point toward the user, right, down, and down on other gamepads
 BTN_JOYSTICK, BTN_GAMEPAD = 0x120, 0x130
-BUTTONS = 16  # of either
+BUTTONS = 16  # most buttons of a joystick, and of a gamepad
 FF_RUMBLE = 0x50
-RUMBLE_MS = 500  # for which a motor turns, unless it is told anew
+RUMBLE_MS = 500  # time for which a motor turns, unless it is told anew
 
 _EVENT = Struct("@llHHi")
 EVENT_BYTES = _EVENT.size
 
 Ranges = Mapping[int, tuple[int, int]]
-"""Axis code -> (least, largest) value, of the axes that there are; none: not known, so that those of most gamepads hold."""
+"""Axis code -> (least, largest) value, of the axes that there are; empty where not known: most gamepads' hold then."""
 
 
 class GamepadDecoder:

@@ -12,7 +12,7 @@ from collections.abc import Mapping
 from struct import Struct
 
 FULL = 350.0
-REPEAT_S = 0.25  # a cap that is held away from its rest reports some 60 to 120 times a second
+REPEAT_S = 0.25  # longest silence of a cap that is held away from its rest: it reports some 60 to 120 times a second
 _XYZ = Struct("<3h")
 
 USB_IDS: dict[tuple[int, int], str] = {

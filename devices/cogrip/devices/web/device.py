@@ -15,10 +15,10 @@ from cogrip.devices.simulated.phantom import PhantomPlant, PhantomSettings, capa
 from cogrip.devices.web.hand import SILENCE_S, STRETCH_N, PointerHand, PointerSettings
 from cogrip.devices.web.messages import BUTTONS, FrameError, OwnHand, State, decode_pointer, encode_own_hand, vector
 
-PEAK_N = (
-    20.0  # five times what the hand pulls with: no motors get warm, and a force that sits at its limit would be a fault
-)
-TOLD_HZ = 64  # at which the page is told of its device
+PEAK_N = 20.0
+"""More than six times what the hand pulls with (STRETCH_N): no motors get warm, and a force that sits at its limit
+would be a fault."""
+TOLD_HZ = 64  # rate at which the page is told of its device
 
 
 class WebSettings(msgspec.Struct, frozen=True, kw_only=True):

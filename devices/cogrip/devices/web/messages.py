@@ -7,9 +7,9 @@ from math import isfinite, nan
 from typing import Literal
 
 POINTER, OWN_HAND = 2, 3
-HOLDS = 1  # flag of a pointer message
-BUTTONS = 16  # that a pointer message tells of
-MOST_POINTER_M = 10.0  # a pointer farther away is no pointer
+HOLDS = 1  # flag of a pointer message: the pointer holds the device
+BUTTONS = 16  # buttons that a pointer message tells of
+MOST_POINTER_M = 10.0  # largest coordinate of a pointer
 
 State = Literal["free", "joining", "live", "degraded", "fault", "silent"]
 STATES: tuple[State, ...] = ("free", "joining", "live", "degraded", "fault", "silent")

@@ -24,8 +24,8 @@ from cogrip.view.io.hand_process import HandProcess
 from cogrip.view.io.page_server import Admitted, DeniedError, PageServer
 from cogrip.view.io.process import LOOKED_AGAIN_S, PortError, port_taken
 
-MOST_SESSIONS = 64  # observers of the server at once, one for each token
-SEAT_S = 30.0  # in which a hand has to get its seat
+MOST_SESSIONS = 64  # most observers of the server at once, one for each token
+SEAT_S = 30.0  # time in which a hand has to get its seat
 REFUSED = "the server refused: "
 WRONG_TOKEN = "[token]"
 _AROUND = re.compile(rf"^{REFUSED}| \[\w+\]| \(server \S+\)$")

@@ -8,7 +8,7 @@ from contextlib import suppress
 from cogrip.machine.platform import system
 from cogrip.view.io.hand_link import HandLink
 
-KEPT_LINES = 50  # of what it prints, for the reason of its end
+KEPT_LINES = 50  # lines kept of what the process prints, for the reason of its end
 MOST_LINE_BYTES = 4096
 END_S = 3.0
 OBSERVES = "this link is for observing"

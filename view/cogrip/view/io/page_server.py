@@ -35,11 +35,12 @@ from cogrip.view.visitors import VisitorLimits, Visitors
 
 OURS = Subprotocol("cogrip.view.v1")
 FOXGLOVE = (Subprotocol("foxglove.sdk.v1"), Subprotocol("foxglove.websocket.v1"))
-WRITE_BYTES = 64 * 1024  # waiting for a slow client, beside what the system buffers
+WRITE_BYTES = 64 * 1024  # most bytes that wait for a slow client, beside what the system buffers
 MOST_BYTES = access.MOST_MESSAGE_BYTES
-RESERVE_BYTES = access.MOST_MESSAGE_BYTES  # beyond the largest message: what is larger still is not even read
+RESERVE_BYTES = access.MOST_MESSAGE_BYTES
+"""Bytes that are read beyond the largest message: what is larger still is not even read."""
 TLS_S = 5.0
-MOST_CONTROL_FRAMES = 16  # of a connection before its token is admitted: each ping is answered
+MOST_CONTROL_FRAMES = 16  # most control frames of a connection before its token is admitted: each ping is answered
 PROTOCOL_ERRORS = {1002: "malformed websocket frame", 1007: "text that is not UTF-8", 1009: "message too large"}
 
 HAND_ELSEWHERE = "Another tab of this address holds your device. It comes to this one when that one is closed."

@@ -11,7 +11,7 @@ from collections.abc import Callable
 from cogrip.protocol.texts import shown
 from cogrip.server.rate_limit import Buckets, Budget
 
-LOG_LINES = Budget(1, 100)  # a traceback has some forty
+LOG_LINES = Budget(1, 100)  # budget of log lines: a traceback has some forty
 
 
 class PeerLog(logging.Handler):

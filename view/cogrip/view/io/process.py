@@ -18,7 +18,7 @@ from cogrip.view.io.foxglove_socket import speak
 from cogrip.view.io.hand_link import HandLink
 from cogrip.view.io.page_server import Admitted, DeniedError, PageServer
 
-LOOKED_AGAIN_S = 0.1  # for the stop flag
+LOOKED_AGAIN_S = 0.1  # time between two looks at the stop flag
 LOOPBACK = "127.0.0.1"
 
 

@@ -27,9 +27,9 @@ from cogrip.view.panel import Panel, PanelMessage
 from cogrip.view.scene import Scene, SceneObject
 from cogrip.view.tab import Tab
 
-MOST_REPLY_BYTES = 64 * 1024  # 10,000 letters, each of which JSON may write in six bytes
+MOST_REPLY_BYTES = 64 * 1024  # most bytes of a reply: 10,000 letters, each of which JSON may write in six bytes
 END_S = 5.0
-NUMBER_BITS = 30  # of a prompt before the first one: `MOST_NUMBER` is as many above
+NUMBER_BITS = 30  # bits of the random number that prompts are counted from: below `MOST_NUMBER` there are as many again
 
 
 @dataclass(eq=False)
