@@ -83,7 +83,7 @@ class Machine:
     lock_permission: str
     large_pages: str
     loopback_us: dict[str, float] | None
-    lacks: dict[str, str]  # of what Linux has, and what is there instead
+    lacks: dict[str, str]  # what this system lacks of what Linux has, and what is there instead
     load_after: float | None = None  # the same load when all was measured; the measuring itself is up to 1 of it
 
     @property
