@@ -21,7 +21,7 @@ Number = TypeVar("Number", float, "NDArray[np.float64]")
 
 UNIT = 2.0**-53  # unit roundoff u: an operation is off by at most this fraction of its result
 RESERVE_FRACTION = 2.0**-48
-"""32 u, as a fraction of the squares sent; 22 u are needed: no energy reserve consists of rounding."""
+"""Fraction of the squares sent that is taken off a reserve, 32 u: 22 u are needed so that no reserve consists of rounding."""
 BOUND_FRACTION = 2.0**-50
 """8 u, as a fraction of what a bound on a wave is computed from: a root, its square, four sums of that size."""
 
