@@ -24,9 +24,10 @@ _KINDS: dict[int, ShapeKind] = {
     int(mujoco.mjtGeom.mjGEOM_PLANE): "plane",
 }
 _MESH = int(mujoco.mjtGeom.mjGEOM_MESH)
-_SHOWN_GROUPS = 3  # MuJoCo's own viewer hides further ones: they are for contact alone
-_NO_COLOUR = (0.5, 0.5, 0.5, 1.0)  # of a geom that sets none
-_MOST_M = 1e3  # bounds of a shape (`SPEC.md` section 3.15)
+_SHOWN_GROUPS = 3
+"""Number of geom groups that are shown: MuJoCo's own viewer hides further ones, which are for contact alone."""
+_NO_COLOUR = (0.5, 0.5, 0.5, 1.0)  # colour of a geom that sets none
+_MOST_M = 1e3  # largest number of a shape (`SPEC.md` section 3.15)
 
 
 class Drawn(NamedTuple):

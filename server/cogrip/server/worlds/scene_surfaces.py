@@ -10,9 +10,10 @@ from numpy.typing import NDArray
 from cogrip.protocol.drawing import MOST_TRIANGLES, pack_triangles
 from cogrip.server.worlds.world import turn
 
-PARTS = 4  # shapes of one mesh, at most
-MOST_CORNERS = PARTS * MOST_TRIANGLES // 2 + 2  # a closed surface of n corners has 2 n - 4 triangles
-MOST_MESHES = 16  # of a scene that are drawn as hulls; told one a view, all are there after a second
+PARTS = 4  # most shapes of one mesh
+MOST_CORNERS = PARTS * MOST_TRIANGLES // 2 + 2
+"""Most corners of a mesh's surface: a closed one of n corners has 2 n - 4 triangles."""
+MOST_MESHES = 16  # most meshes of a scene that are drawn as hulls; told one a view, all are there after a second
 
 
 def surface_parts(model: mujoco.MjModel, geom: int) -> list[bytes]:
