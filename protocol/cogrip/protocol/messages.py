@@ -148,9 +148,9 @@ class Waves(Message, frozen=True, tag=4):
     port_j: Total  # energy that went into the line at the sender's port, up to the newest frame
     acknowledged: Counter  # frame of the other direction that was applied last, plus 1; 0: none yet
     stamp: Stamp
-    state: Annotated[tuple[MetresPerSecond, ...], msgspec.Meta(min_length=2, max_length=MOST_STATE)]
     # client: hand's position before frame 0, then after the newest frame [m], of a pose also the angle travelled between
     # [rad]; server: object's position [m], velocity [m/s]; axes 4 to 6 are a rotation vector [rad], its rates [rad/s]
+    state: Annotated[tuple[MetresPerSecond, ...], msgspec.Meta(min_length=2, max_length=MOST_STATE)]
     # client: device ticks by which the newest frame ended later than frames of M ticks would have; server: ticks by which the
     # client may send later, below 0 should send sooner
     phase: Ticks = 0
@@ -172,7 +172,7 @@ class State(Message, frozen=True, tag=5):
     port_j: Total
     acknowledged: Counter
     stamp: Stamp
-    handle: Handle | None = None  # this and the next as in `Waves`
+    handle: Handle | None = None  # handle and edges as in `Waves`
     edges: EdgeCount = 0
 
 
@@ -228,7 +228,7 @@ class Power(Message, frozen=True, tag=10):
     port_j: Total  # energy in less energy out here, of all axes
     acknowledged: Counter  # number of the other direction's message popped last, plus 1; 0: none yet
     stamp: Stamp
-    handle: Handle | None = None  # this and the next as in `Waves`
+    handle: Handle | None = None  # handle and edges as in `Waves`
     edges: EdgeCount = 0
 
     def of_axes(self, axes: int) -> bool:
@@ -346,7 +346,7 @@ class SetHand(Message, frozen=True, tag=15):
     """Down, a change of a player's hand settings, repeated until it is acknowledged; up, a report of all, likewise."""
 
     session: Session
-    number: Counter  # of the sender's changes or reports in this session, from 1; down 0: it acknowledges alone
+    number: Counter  # number of the sender's changes or reports in this session, from 1; down 0: it acknowledges alone
     acknowledged: Counter  # newest number of the other end that was taken; 0: none
     hand: HandChange = HandChange()
 

@@ -126,7 +126,7 @@ class User(HandSection, frozen=True, forbid_unknown_fields=True):
     device_hz: DeviceHz | None = None
     power_w: types.Watts | None = None  # mean power of this person's seat; None: [admission]'s
     tool: str = ""  # body of a scene that this person moves; "" one is added; PINCH: with a gripper
-    # of that tool: "driven" by the hand; "" driven where the room has six axes, else as the body's joints have it
+    # orientation of that tool: "driven" by the hand; "" driven where the room has six axes, else as the body's joints have it
     orientation: types.Orientation = ""
     rotational_impedance_nms: types.RotationalImpedance | None = None
     grip_impedance_nspm: types.Impedance | None = None
