@@ -8,7 +8,7 @@ from cogrip.server.io.udp_port import DatagramPort, ServerChannel
 
 MOST_AT_ONCE = 1024  # most datagrams that are received before a tick: a flood beyond that is the kernel's to drop
 CLOCK_EVERY = 32  # number of datagrams between two readings of the clock
-EARLY_CLOCK_EVERY = 4  # the same number ahead of a step, which so many datagrams may make late
+EARLY_CLOCK_EVERY = 4  # number of datagrams between two readings ahead of a step: so many may make it late
 AWAY_NS = 500_000_000  # lateness of a loop that had no processor: its people have become silent, and try other paths
 AWAY_LIMIT_NS, AWAY_MOST = 100_000_000, 4096
 """Bounds on time and datagrams in place of the usual ones after such a lateness; more than a socket's buffer holds."""
