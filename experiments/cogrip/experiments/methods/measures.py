@@ -105,7 +105,7 @@ COLUMNS = (
     "diverged", "diverged_s", "reason", "oscillates", "passive", "not_felt", "margin_mj", "leak_mj", *MEASURES,
     "felt_person", "lost", "late",
 )  # fmt: skip
-FELT_MEASURES = ("felt_npm", "error_percent", "added_mm_per_n")  # of each person, beside the K asked for
+FELT_MEASURES = ("felt_npm", "error_percent", "added_mm_per_n")  # felt measures of each person, beside the K asked for
 
 
 def created_j(work_j: Array, object_j: Array) -> float:

@@ -27,7 +27,7 @@ DISCRIMINATION_SLOPE = 2.0
 """Slope of discrimination: between 1.3, of an observer whose d' grows with the difference, and that of detection."""
 SLOPE_DOUBT = 1.3  # standard deviation of ln beta before any answer: less pulls flat observers towards the usual slope
 INTERVAL = 0.95  # probability of the interval that is told
-UNLIKELY = 0.01  # share of a fit's observers whose answers fit as badly, below which it does not hold
+UNLIKELY = 0.01  # least `Fit.misfit` of answers that fit
 
 _THRESHOLDS = 161
 _SLOPES: NDArray[np.float64] = np.geomspace(0.6, 8.0, 14)
