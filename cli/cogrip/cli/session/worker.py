@@ -43,7 +43,7 @@ class Job(msgspec.Struct, frozen=True):
     metrics: bool
     rates: dict[str, RateChoice]  # choice of the rate of each room that asked for "auto"
     floor_bytes: int  # bytes of a disk that recordings leave free
-    hand_over_s: float | None  # as `LiveServer.hand_over_s`
+    hand_over_s: float | None  # wait for the next server, as `LiveServer.hand_over_s`
 
 
 def main(arguments: list[str]) -> int:
