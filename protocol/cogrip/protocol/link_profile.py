@@ -55,7 +55,7 @@ class LinkDirection(msgspec.Struct, frozen=True, forbid_unknown_fields=True, omi
     reorder: Probability | None = None
     rate_kbps: Rate | None = None
     outage_s: OutageSeconds | None = None  # length of each periodic outage
-    # time from begin to begin of periodic outages; the first begins after as long
+    # time from the beginning of a periodic outage to that of the next; the first one begins after as long
     outage_every_s: OutageStart | None = None
     outages: Outages | None = None  # scripted outages, beside periodic ones
     trace: TracePath | None = None  # path of a file of recorded delays and losses, used beside the above

@@ -44,7 +44,7 @@ LEAVE_EVERY_NS = 100_000_000
 LEAVE_GIVE_UP_NS = 600_000_000
 
 SECONDS_OVER = "its --seconds are over"  # end of a server with a time limit: no session is cut short
-IN_ORDER = "the server was stopped"  # begin of the farewell of a server that was stopped on purpose
+IN_ORDER = "the server was stopped"  # beginning of the farewell of a server that was stopped on purpose
 
 MOST_REDIRECTS = 4  # most redirects in a row
 

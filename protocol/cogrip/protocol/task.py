@@ -25,7 +25,7 @@ class Task(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     place_m: tuple[Place, Place, Place] = (0.0, 0.0, 0.0)  # place to reach, from where it starts
     within_m: Goal | None = None  # largest distance from `place_m`
     tilt_rad: Goal | None = None  # largest tilt of its upright axis, at all times before
-    # time limit, from the task's begin; None: until the end
+    # time limit, from the beginning of the task; None: until the end
     by_s: Annotated[float, msgspec.Meta(gt=0.0, le=1e6)] | None = None
     # time for which all is met before the task is reached
     dwell_s: Annotated[float, msgspec.Meta(ge=0.0, le=1e4)] = 0.5
