@@ -50,7 +50,7 @@ class _Meeting(NamedTuple):
 _Poses = tuple[list[list[float]], list[list[float]]]  # place and rotation of every body
 _NOTHING = Touch()
 _SENSOR = 4 * MOST_CONTACTS
-"""Numbers of a sensor: how many contacts there are, and the normal and tangential forces of each."""
+"""Numbers of a sensor, of each contact: how many there are, its normal and its tangential forces."""
 
 
 class SceneContacts:

@@ -21,7 +21,7 @@ from cogrip.server.worlds.scene_text import SceneError
 CLEAR_M = 0.03  # distance between an added tool's start and what it is to press
 NEAR_M = 0.1  # largest distance from its target of a tool that stays where it stands
 FREE_M = 0.001  # least distance between a tool and anything
-SITE = "cogrip_"  # begin of the name of a site at which the tool of the person named after it begins
+SITE = "cogrip_"  # beginning of the name of a site; a person's name follows, whose tool begins there
 _CLOSE_M = 0.0005  # largest difference from CLEAR_M at which the search of a place ends
 _FAR_M = 1e3  # largest distance that is measured
 MOST_TARGETS = 16  # most bodies near which a free place is looked for, where there is no object
