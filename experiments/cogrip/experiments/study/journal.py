@@ -18,7 +18,7 @@ from cogrip.experiments.study.plan import Done, Trial
 from cogrip.experiments.study.study_file import Study, StudyError
 
 STUDY, TRIALS, ANSWERS, RUNS = "study.json", "trials.jsonl", "answers.jsonl", "runs"
-PARTIAL = f"{STUDY}.part"  # name of a partial study file that a kill may leave
+PARTIAL = f"{STUDY}.part"  # name of the study file while it is written; a kill may leave it
 CUT = ".cut"  # ending of the file beside a journal that holds its lines which were cut short
 _FILLING = b"\0\r\n"
 

@@ -32,7 +32,7 @@ PLACE: tuple[Column, ...] = (
 )  # fmt: skip
 ANSWER = "answer_"
 MISSING = "felt_stiffness_missing"  # column that says why a row has no felt stiffness
-FORMULA = ("=", "+", "-", "@", "\t", "\r")  # begins of a text that a spreadsheet takes for a formula
+FORMULA = ("=", "+", "-", "@", "\t", "\r")  # beginnings of a text that a spreadsheet takes for a formula
 
 Row = dict[str, Any]
 
