@@ -132,7 +132,15 @@ whole_messages = {
     Hello: hellos,
     messages.Person: valid(messages.Person, orientation=st.none() | quaternions),
     messages.Bodies: valid(messages.Bodies, poses=st.lists(poses, min_size=1, max_size=39).map(messages.pack_poses)),
-    messages.Geom: valid(messages.Geom, orientation=quaternions, triangles=st.just(b"")),
+    messages.Geom: valid(
+        messages.Geom,
+        orientation=quaternions,
+        triangles=st.just(b""),
+        colours=st.just(b""),
+        points=st.just(b""),
+        period_m=st.none(),
+        kind=st.sampled_from(["box", "sphere", "plane", "mesh"]),
+    ),
 }
 anything = st.one_of(
     [whole_messages[each] if each in whole_messages else valid(each, given_structs) for each in get_args(messages.AnyMessage)]
@@ -238,7 +246,7 @@ def test_the_largest_legal_messages_are_read_and_fit_a_datagram_when_they_are_en
     largest = {name: len(encode(message)) for name, message in LARGEST.items()}
     assert largest == {
         "hello": 964, "welcome": 1022, "refuse": 485, "waves": 1187, "state": 303, "power": 468, "heartbeat": 39, "leave": 1193,
-        "farewell": 767, "view": 1008, "person": 424, "bodies": 1193, "geom": 1151, "mark": 122, "set hand": 123,
+        "farewell": 767, "view": 1008, "person": 424, "bodies": 1193, "geom": 1158, "mark": 122, "set hand": 123,
         "effects": 702, "edges": 161, "redirect": 579, "restart": 16,
     }  # fmt: skip
     proxied = msgspec.structs.replace(LARGEST["waves"], waves=(0.1,) * 72, state=(0.1,) * 18)

@@ -1,4 +1,4 @@
-"""Mesh files of scenes: read from the scene's folder alone, bounded, part of its digest, and drawn as their hulls."""
+"""Mesh files of scenes: read from the scene's folder alone, bounded, part of its digest, and drawn by their triangles."""
 
 import struct
 import warnings
@@ -13,13 +13,13 @@ from scipy.spatial import ConvexHull, cKDTree
 from scipy.spatial.transform import Rotation
 
 from cogrip.analysis.scene_advice import scene_findings
-from cogrip.protocol.drawing import MOST_TRIANGLES, Shape
+from cogrip.protocol.drawing import Shape
 from cogrip.protocol.messages import MAX_MESSAGE_BYTES, Geom, encode
 from cogrip.protocol.settings import resolve
 from cogrip.server.worlds.local_geometry import local_geometry
 from cogrip.server.worlds.scene_file import Held, load_scene
 from cogrip.server.worlds.scene_shapes import shapes_of
-from cogrip.server.worlds.scene_surfaces import MOST_MESHES, PARTS
+from cogrip.server.worlds.scene_surfaces import MOST_SCENE_TRIANGLES
 from cogrip.server.worlds.scene_text import MOST_FILE_BYTES, SceneError
 
 from tests.server.scene_worlds import world_of
@@ -95,11 +95,14 @@ def ball(corners: int, radius_m: float) -> bytes:
     """Return an OBJ file of an uneven ball, and no faces but one: MuJoCo finds the hull."""
     places = np.random.default_rng(1).normal(size=(corners, 3))
     places *= radius_m * np.array([1.0, 0.8, 0.6]) / np.linalg.norm(places, axis=1)[:, None]
-    faces = [f"f {a + 1} {b + 1} {c + 1}" for a, b, c in ConvexHull(places).simplices]
+    simplices = ConvexHull(places).simplices
+    outwards = np.linalg.det(places[simplices]) > 0.0  # the origin is inside
+    simplices[~outwards] = simplices[~outwards][:, ::-1]
+    faces = [f"f {a + 1} {b + 1} {c + 1}" for a, b, c in simplices]
     return "\n".join([*("v " + " ".join(map(repr, row)) for row in places.tolist()), *faces]).encode()
 
 
-def test_a_mesh_is_drawn_as_its_hull(tmp_path: Path) -> None:
+def test_a_mesh_is_drawn_by_its_own_triangles(tmp_path: Path) -> None:
     """Also one that lies beside its own origin. Twelve triangles of a brick, whose corners are its corners."""
     away = (0.1, 0.05, -0.02)
     (tmp_path / "brick.obj").write_bytes(obj(away))
@@ -115,39 +118,65 @@ def test_a_mesh_is_drawn_as_its_hull(tmp_path: Path) -> None:
     assert outside(triangles, np.array(away)).max() == pytest.approx(-min(HALF_M), abs=1e-6), "seen from outside"
 
 
-def test_a_fine_mesh_is_drawn_by_no_more_than_its_share_and_lies_within_its_hull(tmp_path: Path) -> None:
-    (tmp_path / "brick.obj").write_bytes(ball(3000, 0.05))
+def volume(triangles: np.ndarray) -> float:
+    """Return the volume that triangles enclose [m3], above 0 where their corners go counter-clockwise from outside."""
+    a, b, c = triangles[:, 0], triangles[:, 1], triangles[:, 2]
+    return float((np.cross(a, b) * c).sum() / 6.0)
+
+
+def test_a_mesh_of_too_many_triangles_is_drawn_by_its_share_of_them(tmp_path: Path) -> None:
+    """Its form is kept: no corner leaves the mesh by more than a cell of the grid, and the volume stays."""
+    (tmp_path / "brick.obj").write_bytes(ball(12_000, 0.05))
     world = world_of(scene_in(tmp_path), ("",))
     shapes = [each for each in world.geoms() if each.object]
-    assert len(shapes) == PARTS
     triangles = surface(shapes)
-    assert len(triangles) == PARTS * MOST_TRIANGLES
+    assert 0.4 * MOST_SCENE_TRIANGLES < len(triangles) <= MOST_SCENE_TRIANGLES
     model = world.scene.model
+    whole = model.mesh_vert[model.mesh_face].astype(float)
+    assert len(whole) > MOST_SCENE_TRIANGLES
+    assert volume(triangles) == pytest.approx(volume(whole), rel=5e-3)
+    corners = whole.reshape(-1, 3)
     geom = next(each for each in range(model.ngeom) if model.geom_type[each] == mujoco.mjtGeom.mjGEOM_MESH)
     turn = Rotation.from_quat(model.geom_quat[geom], scalar_first=True)
-    corners = turn.apply(model.mesh_vert) + model.geom_pos[geom]
-    away = np.array([outside(triangles, corner).max() for corner in corners])
-    nearest, _ = cKDTree(corners).query(triangles.reshape(-1, 3))
-    assert nearest.max() <= 3e-6, "its corners are the mesh's, in counts of 1.5 um"
-    assert away.max() <= 2e-3, "and no corner of the mesh is farther out than that, of 50 mm"
+    nearest, _ = cKDTree(turn.apply(corners) + model.geom_pos[geom]).query(triangles.reshape(-1, 3))
+    assert nearest.max() < 2e-3
     for number in range(len(world.geoms())):
         assert len(encode(Geom.of(world.geoms(), number, 2**63 - 1))) <= MAX_MESSAGE_BYTES
+    assert shapes_of(world.scene, np.zeros(3)).coarser == ("brick",)
 
 
-def test_meshes_beyond_the_bound_are_boxes_and_named(tmp_path: Path) -> None:
+def test_small_meshes_are_whole_and_large_ones_share_what_is_left(tmp_path: Path) -> None:
     (tmp_path / "brick.obj").write_bytes(obj())
-    path, more = scene_in(tmp_path), MOST_MESHES + 2
-    body = '<body name="b{0}" pos="{0} 0 1"><freejoint/><geom name="g{0}" type="mesh" mesh="brick"/></body>'
-    many = "".join(body.format(number) for number in range(more))
-    path.write_text(path.read_text().replace("</worldbody>", many + "</worldbody>"))
-    shapes, _, boxed = shapes_of(load_scene(path, SEAT, STEP), np.zeros(3))
-    kinds = [each.kind for each in shapes]
-    assert kinds.count("mesh") == MOST_MESHES
-    assert boxed == ("g15", "g16", "g17")
-    assert kinds.count("box") == len(boxed)
+    (tmp_path / "ball.obj").write_bytes(ball(4000, 0.05))
+    path = scene_in(tmp_path)
+    body = '<body name="b{0}" pos="{0} 0 1"><freejoint/><geom name="g{0}" type="mesh" mesh="ball" mass=".2"/></body>'
+    text = path.read_text().replace("<asset>", '<asset><mesh name="ball" file="ball.obj"/>')
+    path.write_text(text.replace("</worldbody>", "".join(map(body.format, range(3))) + "</worldbody>"))
+    drawn = shapes_of(load_scene(path, SEAT, STEP), np.zeros(3))
+    counts: dict[int | None, int] = {}
+    for shape in drawn.shapes:
+        counts[shape.body] = counts.get(shape.body, 0) + len(shape.corners_m()) // 3
+    assert counts[0] == len(FACES)
+    assert all(0.4 * MOST_SCENE_TRIANGLES / 3 < counts[each] <= MOST_SCENE_TRIANGLES / 3 for each in (1, 2, 3))
+    assert (drawn.boxed, drawn.coarser) == ((), ("g0", "g1", "g2"))
     settings = resolve({"object": {"kind": "scene", "file": str(path), "axes": 3}, "users": [{"tool": "ball"}]})
     (told,) = [each.text for each in scene_findings(settings) if each.topic == "drawn"]
-    assert told.startswith("drawn as boxes, 3 in all: g15, g16, g17; 16 meshes of a scene are drawn as their hulls")
+    assert told.startswith("drawn by fewer triangles than they have, 3 in all: g0, g1, g2; a scene is drawn by 12000 ")
+
+
+def test_where_a_share_has_no_form_left_a_mesh_is_a_box_and_named(tmp_path: Path) -> None:
+    (tmp_path / "ball.obj").write_bytes(ball(40, 0.05))
+    path, count = tmp_path / "scene.xml", 1000
+    body = '<geom name="g{0}" type="mesh" mesh="brick" pos="{0} 0 1"/>'
+    path.write_text(
+        SCENE.format(file="ball.obj", compiler="").replace(
+            "</body>", "".join(map(body.format, range(count))) + "</body>"
+        )
+    )
+    drawn = shapes_of(load_scene(path, SEAT, STEP), np.zeros(3))
+    boxes = [shape for shape in drawn.shapes if shape.kind == "box"]
+    assert 0 < len(boxes) == len(drawn.boxed) < count
+    assert len(drawn.boxed) + len(drawn.coarser) == count + 1
 
 
 def test_local_contact_leaves_meshes_to_the_server(tmp_path: Path) -> None:

@@ -13,7 +13,7 @@ import pytest
 
 from cogrip.cli.settings.settings_file import load
 from cogrip.devices.web.messages import FrameError
-from cogrip.protocol.drawing import Shape, pack_triangles
+from cogrip.protocol.drawing import TILE, Shape, pack_points, pack_triangles
 from cogrip.protocol.messages import Pose, View
 from cogrip.protocol.recording.reader import Message
 from cogrip.results.laboratory_run import run_laboratory
@@ -317,3 +317,29 @@ def test_a_tool_that_is_taken_elsewhere_is_drawn_where_it_is(tmp_path: Path) -> 
         shown = np.array(drawn.proxy_m) + person.anchor_m
         assert shown == pytest.approx(last.bodies[body][:3], abs=1e-9)
     assert abs(last.bodies[1][1]) > 0.01
+
+
+def test_page_draws_a_flex_a_tendon_and_a_tile_where_they_are(show: Show) -> None:
+    """A square of two faces and a round line whose points move, over a floor whose tile is red at its upper left alone."""
+    tile = np.zeros((TILE, TILE, 3), dtype=np.uint8)
+    tile[: TILE // 2, : TILE // 2] = (230, 20, 20)
+    floor = Shape(
+        "plane", (0.1, 0.1, 0.0), place_m=(0.0, 0.0, -0.05), rgba=(0.3, 0.3, 0.3, 1.0), colours=tile.tobytes(),
+        period_m=(0.2, 0.2),
+    )  # fmt: skip
+    flex = Shape("flex", (0.0, 0.0, 0.0), rgba=(0.9, 0.1, 0.1, 1.0), points=pack_points([0, 1, 2, 2, 3, 0]))
+    tendon = Shape("tendon", (0.01, 0.0, 0.0), rgba=(0.9, 0.1, 0.1, 1.0), points=pack_points([4, 5]))
+    page, server = show(drawn_of((floor, flex, tendon)))
+    page.tab.keyboard.press("3")  # from above
+    for number, x in enumerate((0.04, 0.06)):
+        corners = [(x, 0.02), (x + 0.02, 0.02), (x + 0.02, 0.04), (x, 0.04), (x, -0.05), (x, -0.02)]
+        poses: tuple[Pose, ...] = tuple([(u, v, 0.0, 1.0, 0.0, 0.0, 0.0) for u, v in corners])
+        server.send(encode(replace(frame(1), people=(), number=number, bodies=poses)))
+        page.until_drawn(number)
+        picture = page.picture()
+        for point, inside in (
+            ((x + 0.01, 0.03, 0.0), True), ((x + 0.025, 0.03, 0.0), False), ((x, -0.035, 0.01), True),
+            ((x + 0.015, -0.035, 0.0), False), ((-0.05, 0.05, -0.05), True), ((-0.05, -0.05, -0.05), False),
+            ((0.03, 0.08, -0.05), False),
+        ):  # fmt: skip
+            assert is_red(page.pixel(picture, point)) == inside, (number, point)

@@ -10,7 +10,7 @@ import msgspec
 import pytest
 
 from cogrip.cli.settings.settings_file import load
-from cogrip.protocol.drawing import Shape, pack_triangles
+from cogrip.protocol.drawing import Shape, pack_points, pack_triangles
 from cogrip.protocol.recording.records import kind_of
 from cogrip.protocol.recording.scene_messages import SCHEMAS
 from cogrip.results.laboratory_run import run_laboratory
@@ -100,3 +100,27 @@ def test_a_recording_of_a_lift_holds_its_bodies_and_proxies_at_their_tools(tmp_p
     places = {each["child_frame_id"]: each["translation"] for each in found["tf"][-1]["transforms"]}
     places |= {each["child_frame_id"]: each["translation"] for each in found["tf"][-2]["transforms"]}
     assert places["lift/anna/proxy"]["x"] == pytest.approx(places["lift/body/1"]["x"], abs=5e-3), "a step or two apart"
+
+
+def test_what_is_flexible_follows_every_frame() -> None:
+    """Faces of a flex and the path of a tendon between places of bodies, which have no frames of their own."""
+    flex = Shape("flex", (0.0, 0.0, 0.0), rgba=(0.0, 0.0, 1.0, 1.0), points=pack_points([1, 2, 3, 3, 2, 4]))
+    tendon = Shape("tendon", (0.002, 0.0, 0.0), points=pack_points([4, 1, 1]))
+    told = msgspec.structs.replace(scene(), geoms=(SHAPES[1], flex, tendon))
+    poses = tuple([(0.1 * body, 0.2, 0.3, 1.0, 0.0, 0.0, 0.0) for body in range(5)])
+    sent = replace(frame(1), bodies=poses)
+    update = read(pictures.forces(told, sent, 5), "foxglove.SceneUpdate")
+    (soft,) = [each for each in update["entities"] if each["id"] == "soft"]
+    (faces,), (path,) = soft["triangles"], soft["lines"]
+    assert [each["x"] for each in faces["points"]] == pytest.approx([0.1, 0.2, 0.3, 0.4])
+    assert faces["indices"] == [0, 1, 2, 2, 1, 3]
+    assert [path["points"][number]["x"] for number in path["indices"]] == pytest.approx([0.4, 0.1, 0.1])
+    assert (path["thickness"], path["scale_invariant"], path["type"]) == (0.004, False, 0)
+    update = read(pictures.scene(told, pictures.drawn(told, sent), 5), "foxglove.SceneUpdate")
+    assert "demo/body/1" not in {each["id"] for each in update["entities"]}
+    places = read(pictures.transforms(told, sent, 5), "foxglove.FrameTransforms")
+    frames = {each["child_frame_id"] for each in places["transforms"]}
+    assert {each for each in frames if "/body/" in each} == {"demo/body/0"}
+    lost = replace(sent, bodies=(*poses[:4], (nan,) * 7))
+    update = read(pictures.forces(told, lost, 5), "foxglove.SceneUpdate")
+    assert "soft" not in {each["id"] for each in update["entities"]}

@@ -17,7 +17,7 @@ from cogrip.protocol.settings import SeatSettings, Settings, seat_axes
 from cogrip.server.worlds.local_geometry import local_geometry, unfit_tool
 from cogrip.server.worlds.scene_file import CONTACT_RATE_PS2, Scene, scene_of_settings
 from cogrip.server.worlds.scene_shapes import shapes_of
-from cogrip.server.worlds.scene_surfaces import MOST_MESHES
+from cogrip.server.worlds.scene_surfaces import MOST_SCENE_TRIANGLES
 from cogrip.server.worlds.scene_text import MOST_NAMED
 
 
@@ -50,14 +50,18 @@ def _contact(scene: Scene) -> Iterator[Finding]:
 
 
 def _drawn(scene: Scene) -> Iterator[Finding]:
-    """Yield which meshes are drawn as boxes."""
-    if boxed := shapes_of(scene, np.zeros(3)).boxed:
-        more = f" and {len(boxed) - MOST_NAMED} more" if len(boxed) > MOST_NAMED else ""
-        text = (
-            f"drawn as boxes, {len(boxed)} in all: {', '.join(boxed[:MOST_NAMED])}{more}; {MOST_MESHES} meshes of a scene are "
-            "drawn as their hulls, and one that is flat has none; contact is the same"
-        )
-        yield Finding("drawn", text, "note")
+    """Yield which surfaces are drawn by less than they are, and what MuJoCo draws of the scene and viewers do not."""
+    drawn = shapes_of(scene, np.zeros(3))
+    for names, how in ((drawn.boxed, "as the boxes around them"), (drawn.coarser, "by fewer triangles than they have")):
+        if names:
+            more = f" and {len(names) - MOST_NAMED} more" if len(names) > MOST_NAMED else ""
+            text = (
+                f"drawn {how}, {len(names)} in all: {', '.join(names[:MOST_NAMED])}{more}; a scene is drawn by "
+                f"{MOST_SCENE_TRIANGLES} triangles at most; contact is the same"
+            )
+            yield Finding("drawn", text, "note")
+    if drawn.left_out:
+        yield Finding("drawn", f"not drawn: {', '.join(drawn.left_out)}, nor are haze, fog and shadows", "note")
 
 
 def _local(settings: Settings, scene: Scene, seat: SeatSettings) -> Iterator[Finding]:

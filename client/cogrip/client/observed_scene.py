@@ -44,5 +44,5 @@ class ObservedScene:
 
     def poses(self) -> tuple[Pose, ...]:
         """Return the pose of each body that the shapes are of; UNKNOWN for one that has not come."""
-        most = max((shape.body for shape in self.shapes if shape.body is not None), default=-1)
+        most = max((body for shape in self.shapes for body in shape.bodies), default=-1)
         return tuple([self._poses[body][1] if body in self._poses else UNKNOWN for body in range(most + 1)])

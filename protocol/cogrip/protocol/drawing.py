@@ -11,17 +11,23 @@ import msgspec
 from cogrip.protocol.object_kinds import kind_of
 
 Vector = tuple[float, float, float]
-ShapeKind = Literal["box", "sphere", "capsule", "cylinder", "ellipsoid", "plane", "mesh"]
+ShapeKind = Literal["box", "sphere", "capsule", "cylinder", "ellipsoid", "plane", "mesh", "flex", "tendon"]
+Two = Annotated[tuple[float, ...], msgspec.Meta(min_length=2, max_length=2)]
 Three = Annotated[tuple[float, ...], msgspec.Meta(min_length=3, max_length=3)]
 Four = Annotated[tuple[float, ...], msgspec.Meta(min_length=4, max_length=4)]
 MOST_SHAPES = 1024  # most shapes of a scene, and most bodies that move; further ones are left out
 _TRIANGLE = Struct("<9H")
-MOST_TRIANGLES = 55
-"""Most triangles of one shape, so that its message fits a datagram; a larger surface is several shapes."""
-MOST_SURFACE_BYTES = MOST_TRIANGLES * _TRIANGLE.size
-_COUNTS = 65535  # largest number that stands for a coordinate: the far side of the box around a surface
-MOST_LOCAL = 64  # most shapes with which a player's client renders contact itself
-MOST_PAIRS = 256  # most pairs of a ball and a fixed shape among the shapes of local contact
+MOST_TRIANGLES = 55  # of one shape: its message fits a datagram; a surface of more is several shapes
+MOST_SURFACE_BYTES = MOST_TRIANGLES * _TRIANGLE.size  # of its triangles with their colours
+RGB_BYTES = 3  # of a triangle's colour
+MOST_COLOURED = MOST_SURFACE_BYTES // (_TRIANGLE.size + RGB_BYTES)  # triangles of one shape that have colours
+MOST_PERIOD_M = 1e6
+TILE = 18  # colours along each side of a plane's tile
+_NUMBER = Struct("<H")
+MOST_POINTS = MOST_SURFACE_BYTES // _NUMBER.size  # of one shape of points that move
+_COUNTS = 65535  # of a coordinate, from one side of the box around a surface to the other
+MOST_LOCAL = 64  # shapes with which a player's client renders contact itself
+MOST_PAIRS = 256  # of a ball and a fixed shape among them
 UNTURNED: Four = (1.0, 0.0, 0.0, 0.0)
 
 
@@ -34,6 +40,13 @@ class Shape(msgspec.Struct, frozen=True):
     orientation  quaternion w, x, y, z
     rgba         None where the scene gives no colour
     triangles    of a mesh, else unset: a part of its surface (`pack_triangles`)
+    colours      with a texture, else unset: red, green, blue, a byte each, instead of rgba's: of each triangle of a mesh, of
+                 the TILE x TILE cells of a tile that repeats on a plane, by rows from the largest y
+    period_m     of a plane with a tile its lengths along x and y; one begins at the corner of the least x and the largest y,
+                 along an axis without end the middle of one is the plane's
+    points       of a flex its triangles, three bodies each; of a tendon its path, two bodies or more (`pack_points`)
+
+    A flex and a tendon have no place: their points are the places of bodies. size_m is the radius of a tendon, else 0.
     """
 
     kind: ShapeKind
@@ -45,9 +58,31 @@ class Shape(msgspec.Struct, frozen=True):
     seat: int | None = None  # seat whose tool the shape is part of
     object: bool = False  # the shape is part of the room's object
     triangles: bytes | msgspec.UnsetType = msgspec.UNSET
+    colours: bytes | msgspec.UnsetType = msgspec.UNSET
+    points: bytes | msgspec.UnsetType = msgspec.UNSET
+    period_m: Two | msgspec.UnsetType = msgspec.UNSET
 
     def __post_init__(self) -> None:
         check_triangles(self.kind, self.triangles or b"")
+        check_colours(self.kind, self.triangles or b"", self.colours or b"", self.period_m or None)
+        check_points(self.kind, self.points or b"")
+
+    @property
+    def soft(self) -> bool:
+        """True where it runs through points that move."""
+        return self.kind in ("flex", "tendon")
+
+    @property
+    def bodies(self) -> tuple[int, ...]:
+        """Numbers of the bodies that it follows: of a flex and a tendon all its points, in order."""
+        if self.points:
+            return tuple([number for (number,) in _NUMBER.iter_unpack(self.points)])
+        return () if self.body is None else (self.body,)
+
+    def triangle_colours(self) -> list[Vector]:
+        """Return red, green, blue of each triangle or cell, 0 to 1; none where the whole shape has one colour."""
+        shares = [each / 255 for each in self.colours or b""]
+        return [(shares[at], shares[at + 1], shares[at + 2]) for at in range(0, len(shares), RGB_BYTES)]
 
     def corners_m(self) -> list[Vector]:
         """Return the corners of a mesh's triangles in the shape's own frame [m], three by three; none of other kinds."""
@@ -76,6 +111,40 @@ def check_triangles(kind: ShapeKind, triangles: bytes) -> None:
     if size and (kind != "mesh" or size > MOST_SURFACE_BYTES or size % each):
         raise ValueError(
             f"a {kind} with {size} bytes of triangles; a mesh has at most {MOST_TRIANGLES} of {each} bytes"
+        )
+
+
+def pack_points(bodies: Sequence[int]) -> bytes:
+    """Return numbers of bodies, unsigned 16-bit, little-endian."""
+    return b"".join([_NUMBER.pack(body) for body in bodies])
+
+
+def check_colours(kind: ShapeKind, triangles: bytes, colours: bytes, period_m: Sequence[float] | None) -> None:
+    """Raise ValueError for colours that are not one of each triangle or cell, for too many, and for a tile without size."""
+    count = TILE * TILE if kind == "plane" else len(triangles) // _TRIANGLE.size
+    tiled = bool(colours) and kind == "plane"
+    if colours and (len(colours) != RGB_BYTES * count or (kind != "plane" and count > MOST_COLOURED)):
+        raise ValueError(
+            f"{len(colours)} bytes of colours; {RGB_BYTES} for each of {count} triangles or cells, {MOST_COLOURED} triangles "
+            "at most"
+        )
+    if (period_m is not None) != tiled or (tiled and not all(0.0 < each <= MOST_PERIOD_M for each in period_m or ())):
+        raise ValueError(f"a {kind} whose tile repeats after {period_m} m; it does where it has colours, above 0")
+
+
+def check_points(kind: ShapeKind, points: bytes) -> None:
+    """Raise ValueError for points of a kind that has none, too few or too many, no whole triangle, and no number of a body."""
+    count, odd = divmod(len(points), _NUMBER.size)
+    fits = {"flex": count % 3 == 0, "tendon": count != 1}.get(kind, not points)
+    if (
+        not fits
+        or odd
+        or count > MOST_POINTS
+        or any(number >= MOST_SHAPES for (number,) in _NUMBER.iter_unpack(points))
+    ):
+        raise ValueError(
+            f"a {kind} with {len(points)} bytes of points; a flex has three a triangle, a tendon not one alone, "
+            f"2 bytes each, {MOST_POINTS} at most, below {MOST_SHAPES}; others have none"
         )
 
 

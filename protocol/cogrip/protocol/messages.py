@@ -12,7 +12,18 @@ from typing import Annotated, Literal
 import msgspec
 
 from cogrip.protocol.accounts import ClientAccount, RoomAccount, SeatAccount
-from cogrip.protocol.drawing import MOST_SHAPES, MOST_SURFACE_BYTES, Shape, ShapeKind, check_triangles
+from cogrip.protocol.drawing import (
+    MOST_SHAPES,
+    MOST_SURFACE_BYTES,
+    RGB_BYTES,
+    TILE,
+    Shape,
+    ShapeKind,
+    Two,
+    check_colours,
+    check_points,
+    check_triangles,
+)
 from cogrip.protocol.effects import MOST_EFFECTS, Effect, EffectTank
 from cogrip.protocol.hand_settings import HandChange
 from cogrip.protocol.handle import Buttons, EdgeCount, Handle, Opening, Quaternion, is_unit
@@ -307,11 +318,16 @@ class Geom(Message, frozen=True, tag=13):
     seat: SeatNumber | None
     object: bool
     triangles: Annotated[bytes, msgspec.Meta(max_length=MOST_SURFACE_BYTES)] = b""
+    colours: Annotated[bytes, msgspec.Meta(max_length=RGB_BYTES * TILE * TILE)] = b""
+    points: Annotated[bytes, msgspec.Meta(max_length=MOST_SURFACE_BYTES)] = b""
+    period_m: Two | None = None
 
     def __post_init__(self) -> None:
         if not is_unit(self.orientation):
             raise ValueError("the orientation is no unit quaternion")
         check_triangles(self.kind, self.triangles)
+        check_colours(self.kind, self.triangles, self.colours, self.period_m)
+        check_points(self.kind, self.points)
 
     @classmethod
     def of(cls, shapes: Sequence[Shape], number: int, session: int) -> "Geom":
@@ -319,7 +335,7 @@ class Geom(Message, frozen=True, tag=13):
         told = shapes[number]
         return cls(
             session, len(shapes), number, told.kind, told.size_m, told.body, told.place_m, told.orientation, told.rgba,
-            told.seat, told.object, told.triangles or b"",
+            told.seat, told.object, told.triangles or b"", told.colours or b"", told.points or b"", told.period_m or None,
         )  # fmt: skip
 
     @property
@@ -327,7 +343,8 @@ class Geom(Message, frozen=True, tag=13):
         """The shape itself."""
         return Shape(
             self.kind, self.size_m, self.body, self.place_m, self.orientation, self.rgba, self.seat, self.object,
-            self.triangles or msgspec.UNSET,
+            self.triangles or msgspec.UNSET, self.colours or msgspec.UNSET, self.points or msgspec.UNSET,
+            self.period_m or msgspec.UNSET,
         )  # fmt: skip
 
 

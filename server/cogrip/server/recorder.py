@@ -211,7 +211,10 @@ class RecordedServer(ServerCore):
             self._drawn[room.name] = offset
             places = np.zeros((len(world.offset), PLACES))
             places[:, : min(PLACES, world.axes)] = world.offset[:, :PLACES]
-            self.put(topic, Geoms(tuple(world.geoms()), tuple(places.ravel().tolist())))
+            self.put(
+                topic,
+                Geoms(tuple(world.geoms()), tuple(places.ravel().tolist()), tuple(world.not_drawn()) or msgspec.UNSET),
+            )
         self.put(topic + 1, Poses(room.steps, tuple(world.poses_of_bodies().ravel().tolist())))
 
     def _put_sensors(self, room: Room) -> None:

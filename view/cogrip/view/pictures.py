@@ -20,6 +20,7 @@ from cogrip.protocol.recording.scene_messages import (
     quaternion_of,
     scene_bodies,
     scene_update,
+    soft_entities,
     turned_to,
 )
 from cogrip.view.frames import Frame, PersonFrame
@@ -45,13 +46,14 @@ def transforms(scene: Scene, frame: Frame, time_ns: int) -> bytes:
 
 
 def forces(scene: Scene, frame: Frame, time_ns: int) -> bytes:
-    """Return everybody's force on the object and stretched coupling."""
+    """Return everybody's force on the object and stretched coupling, and what is flexible in a scene."""
     pushes: list[Push] = []
     for person, who in _people(scene, frame):
         proxy_m, hand_m = _at(person.proxy_m, who), _at(person.hand_m, who)
         if proxy_m is not None and _known(person.force_n):
             pushes.append(Push(proxy_m, person.force_n, who.colour, hand_m))
-    return forces_update(time_ns, scene.room, pushes)
+    soft = soft_entities(time_ns, scene.room, scene.geoms, frame.bodies)
+    return forces_update(time_ns, scene.room, pushes, soft)
 
 
 def _people(scene: Scene, frame: Frame) -> Iterator[tuple[PersonFrame, ScenePerson]]:
@@ -69,7 +71,7 @@ def _places(scene: Scene, frame: Frame) -> Iterator[Place]:
     for number, body in enumerate(scene.geometry):
         turned = turned_to(body.normal) if body.shape == "plane" and any(body.normal) else Quaternion()
         yield Place(f"{scene.room}/fixed/{number}", body.position_m, turned)
-    yield from body_places(scene.room, frame.bodies if scene.geoms else ())
+    yield from body_places(scene.room, scene.geoms, frame.bodies)
     for person, who in _people(scene, frame):
         held = quaternion_of(person.orientation) if all(map(isfinite, person.orientation)) else Quaternion()
         for name, at_m, turned in (

@@ -107,6 +107,8 @@ class RecordedView:
         self._every = -(-self._rate_hz // MOST_HZ)
         self._offsets: list[tuple[float, Row]] = []  # of seats' own frames from the object's, each from a time on
         self._geoms, self._first_poses = self._find_bodies()
+        if self._geoms.left_out:
+            self._notes.append(f"Not drawn of the scene: {', '.join(self._geoms.left_out)}.")
         self.scene = self._make_scene(self._settings or Settings(), next(iter(self._clients.values()), None))
         self.frames = lru_cache(maxsize=3)(self._frames)
 

@@ -1,6 +1,7 @@
 """Scene of a view: what does not change from frame to frame (`docs/view.md`)."""
 
 from collections.abc import Sequence
+from itertools import product
 from math import dist, isfinite
 from typing import Literal
 
@@ -86,12 +87,12 @@ def workspace_of(shapes: Sequence[Shape], poses: Sequence[Pose]) -> tuple[tuple[
                 floors.append(shape.place_m[2])
             continue
         reach = dist(shape.size_m, (0.0,) * 3)
-        at = shape.place_m
-        if shape.body is not None:
-            if shape.body >= len(poses):
-                continue
-            at, reach = poses[shape.body][:3], reach + dist(at, (0.0,) * 3)
-        for axis in range(3):
+        places: list[Sequence[float]] = [poses[body][:3] for body in shape.bodies if body < len(poses)]
+        if shape.body is None and not shape.soft:
+            places = [shape.place_m]
+        elif shape.body is not None:
+            reach += dist(shape.place_m, (0.0,) * 3)
+        for at, axis in product(places, range(3)):
             if isfinite(at[axis]):
                 low[axis] = max(-_WIDEST_M, min(low[axis], at[axis] - reach))
                 high[axis] = min(_WIDEST_M, max(high[axis], at[axis] + reach))

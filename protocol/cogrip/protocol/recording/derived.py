@@ -27,6 +27,8 @@ from cogrip.protocol.recording.scene_messages import (
     quaternion_of,
     scene_bodies,
     scene_update,
+    soft_entities,
+    soft_update,
 )
 from cogrip.protocol.settings import Settings
 
@@ -109,7 +111,9 @@ class RoomPictures:
         except msgspec.MsgspecError:  # of another version
             return
         rows = [poses[at : at + 7] for at in range(0, len(poses) - 6, 7)]
-        yield "tf", frame_transforms(time_ns, self._room, body_places(self._room, rows))
+        yield "tf", frame_transforms(time_ns, self._room, body_places(self._room, self._shown.shapes, rows))
+        if soft := soft_entities(time_ns, self._room, self._shown.shapes, rows):
+            yield "forces", soft_update(soft)
 
     def _offset(self, seat: int, person: SeatStep, step: Step) -> Row:
         return self._shown.offsets_m[3 * seat : 3 * seat + 3] or offset_of(person, step)

@@ -19,9 +19,9 @@ SCENE_UPDATE, FRAME_TRANSFORMS = "foxglove.SceneUpdate", "foxglove.FrameTransfor
 _encode = msgspec.json.Encoder().encode
 _DIGITS = 7
 _SHAFT_M, _HEAD_M = 0.003, 0.008
-_PLANE_M, _NO_END_M = 0.001, 2.0  # thickness of a plane, and side of one without an end
-_ALL = 1  # number that stands for all entities in a deletion
-_LINE_LIST = 2
+_PLANE_M, _NO_END_M = 0.001, 2.0  # thickness; side of a plane without an end
+_ALL = 1  # of a deletion
+_LINE_STRIP, _LINE_LIST = 0, 2
 
 
 class Message(msgspec.Struct, frozen=True, gc=False):
@@ -236,7 +236,9 @@ def _shaped(now: Time, body: Body) -> SceneEntity:
         elif shape.kind == "ellipsoid":
             spheres.append(SpherePrimitive(_vector((2 * a, 2 * b, 2 * c)), color, pose))
         elif shape.kind == "mesh":
-            surfaces.append(TriangleListPrimitive(tuple([_point(each) for each in shape.corners_m()]), color, pose))
+            corners = tuple([_point(each) for each in shape.corners_m()])
+            painted = tuple([Color(*rgb, color.a) for rgb in shape.triangle_colours() for _ in range(3)])
+            surfaces.append(TriangleListPrimitive(corners, color, pose, painted))
         elif shape.kind == "sphere":
             spheres.append(SpherePrimitive(_vector((2 * a, 2 * a, 2 * a)), color, pose))
         else:
@@ -276,7 +278,10 @@ def scene_bodies(room: str, shapes: Sequence[Shape], held: Collection[int]) -> l
         if shape.seat is None or shape.seat in held:
             own = _color(OBJECT_COLOUR) if shape.rgba is None else Color(*shape.rgba)
             color = own if shape.seat is None else _color(colour(shape.seat))
-            parts.setdefault(room if shape.body is None else body_frame(room, shape.body), []).append((shape, color))
+            if not shape.soft:  # these follow each frame: `soft_entities`
+                parts.setdefault(room if shape.body is None else body_frame(room, shape.body), []).append(
+                    (shape, color)
+                )
     return [Body(frame, (0.0, 0.0, 0.0), OBJECT_COLOUR, shapes=tuple(each)) for frame, each in parts.items()]
 
 
@@ -285,17 +290,49 @@ def body_frame(room: str, body: int) -> str:
     return f"{room}/body/{body}"
 
 
-def body_places(room: str, poses: Sequence[Sequence[float]]) -> list[Place]:
-    """Return where a scene's bodies are; those whose pose is not known are left out."""
+def body_places(room: str, shapes: Sequence[Shape], poses: Sequence[Sequence[float]]) -> list[Place]:
+    """Return where a scene's bodies are; those whose pose is not known, and points of what is flexible, are left out."""
     return [
-        Place(body_frame(room, number), _three(pose[:3]), quaternion_of(pose[3:]))
-        for number, pose in enumerate(poses)
-        if all(map(isfinite, pose))
+        Place(body_frame(room, number), _three(poses[number][:3]), quaternion_of(poses[number][3:]))
+        for number in sorted({shape.body for shape in shapes if shape.body is not None})
+        if number < len(poses) and all(map(isfinite, poses[number]))
     ]
 
 
-def forces_update(time_ns: int, root: str, pushes: Sequence[Push]) -> bytes:
-    """Return arrows of forces and lines of couplings, instead of those before."""
+def soft_entities(
+    time_ns: int, room: str, shapes: Sequence[Shape], poses: Sequence[Sequence[float]]
+) -> tuple[SceneEntity, ...]:
+    """Return flexible bodies as triangles and tendons as lines, where their points are now; none where one is not known."""
+    lines: list[LinePrimitive] = []
+    surfaces: list[TriangleListPrimitive] = []
+    for shape in shapes:
+        numbers = shape.bodies if shape.points else ()
+        if not numbers or any(number >= len(poses) or not all(map(isfinite, poses[number][:3])) for number in numbers):
+            continue
+        color = _color(OBJECT_COLOUR) if shape.rgba is None else Color(*shape.rgba)
+        corners = {number: at for at, number in enumerate(dict.fromkeys(numbers))}
+        points = tuple([_point(_three(poses[number][:3])) for number in corners])
+        indices = tuple([corners[number] for number in numbers])
+        if shape.kind == "flex":
+            surfaces.append(TriangleListPrimitive(points, color, indices=indices))
+        else:
+            lines.append(
+                LinePrimitive(
+                    points, color, (), indices, _LINE_STRIP, thickness=2.0 * shape.size_m[0], scale_invariant=False
+                )
+            )
+    if not lines and not surfaces:
+        return ()
+    return (SceneEntity(_time(time_ns), room, "soft", lines=tuple(lines), triangles=tuple(surfaces)),)
+
+
+def soft_update(soft: tuple[SceneEntity, ...]) -> bytes:
+    """Return flexible bodies and tendons, instead of those before."""
+    return _encode(SceneUpdate((), soft))
+
+
+def forces_update(time_ns: int, root: str, pushes: Sequence[Push], soft: tuple[SceneEntity, ...] = ()) -> bytes:
+    """Return arrows of forces and lines of couplings, instead of those before, and what is flexible (`soft_entities`)."""
     now = _time(time_ns)
     arrows = tuple([_arrow(push) for push in pushes if _norm(push.force_n) >= LEAST_DRAWN_N])
     lines = tuple(
@@ -305,7 +342,7 @@ def forces_update(time_ns: int, root: str, pushes: Sequence[Push]) -> bytes:
             if push.hand_m is not None
         ]
     )
-    return _encode(SceneUpdate((), (SceneEntity(now, root, "forces", arrows=arrows, lines=lines),)))
+    return _encode(SceneUpdate((), (SceneEntity(now, root, "forces", arrows=arrows, lines=lines), *soft)))
 
 
 def frame_transforms(time_ns: int, root: str, places: Sequence[Place]) -> bytes:

@@ -76,7 +76,7 @@ class GuardedWorld(World):
         if len(shapes) > MOST_SHAPES:
             raise WorldError(f"has {len(shapes)} shapes, more than {MOST_SHAPES}")
         self._shapes = msgspec.convert(msgspec.to_builtins(shapes), tuple[Shape, ...])
-        self._bodies = 1 + max((shape.body for shape in self._shapes if shape.body is not None), default=-1)
+        self._bodies = 1 + max((body for shape in self._shapes for body in shape.bodies), default=-1)
 
     # Calls of the world
 

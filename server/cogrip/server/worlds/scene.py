@@ -24,7 +24,7 @@ from math import isfinite
 import mujoco  # type: ignore[import-untyped]
 import numpy as np
 
-from cogrip.protocol.drawing import Shape
+from cogrip.protocol.drawing import UNTURNED, Shape
 from cogrip.protocol.rotations import log
 from cogrip.protocol.setting_types import GRIP_AXES, PLACES
 from cogrip.protocol.settings import SeatSettings
@@ -64,7 +64,9 @@ class SceneWorld(SceneMeasures):
         self.data = scene.start.data(model)
         self.object = SceneObject(scene, self.data)
         self.object_name = (self.object.there and model.body(scene.object).name) or World.object_name
-        self._shapes, self._drawn, _ = shapes_of(scene, self.object.start)
+        drawn = shapes_of(scene, self.object.start)
+        self._shapes, self._drawn, self._points = drawn.shapes, drawn.bodies, drawn.points
+        self._not_drawn = drawn.left_out
         self._energy = SceneEnergy(model)
         self._equalities, self._warm = EqualityRows(model), WarmStart(model)
         super().__init__(seats)
@@ -142,8 +144,14 @@ class SceneWorld(SceneMeasures):
     def geoms(self) -> Sequence[Shape]:
         return self._shapes
 
+    def not_drawn(self) -> Sequence[str]:
+        return self._not_drawn
+
     def poses_of_bodies(self) -> Array:
-        return np.concatenate((self.data.xpos[self._drawn] - self.object.start, self.data.xquat[self._drawn]), axis=1)
+        places = np.concatenate((self.data.xpos[self._drawn], self._points.places(self.data)))
+        turns = np.tile(UNTURNED, (len(places), 1))
+        turns[: len(self._drawn)] = self.data.xquat[self._drawn]
+        return np.concatenate((places - self.object.start, turns), axis=1)
 
     @property
     def energy_j(self) -> float:

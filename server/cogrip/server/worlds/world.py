@@ -338,6 +338,10 @@ class World(ABC):
         """Return the shapes that the world is drawn of; none where the object alone is drawn."""
         return ()
 
+    def not_drawn(self) -> Sequence[str]:
+        """Return what the world has that its shapes do not say, in words, for those who look at it; none where they say all."""
+        return ()
+
     def sensor_names(self) -> Sequence[str]:
         """Return a name for each number of `sensors`; none where a world has no sensors of its own."""
         return ()

@@ -358,6 +358,8 @@ window.cogrip = Object.freeze({
   },
   /** Show a moment of a recording, exactly: the scrub bar's own value is rounded by the browser. */
   seek: (time_s) => app.player?.seek(time_s),
+  /** The bodies alone, on one colour: to be compared with pictures of others. */
+  portrait: (background) => app.picture.portrait(background),
   /** Pixel of the page at which a point of the world is drawn. */
   project: (point) => {
     const box = part("canvas").getBoundingClientRect();

@@ -62,6 +62,7 @@ export class Picture {
     this.colours = colours;
     this.world.traverse((each) => {
       each.geometry?.dispose();
+      each.material?.map?.dispose();
       each.material?.dispose();
     });
     this.world.clear();
@@ -69,15 +70,15 @@ export class Picture {
     const box = new Box3(...[0, 1].map((end) => new Vector3(...scene.workspace_m.map((range) => range[end]))));
     this.extent_m = Math.max(...box.getSize(new Vector3()).toArray());
     this.gridStep_m = roundDown(this.extent_m / 8);
-    const grid = gridAndAxes(scene.workspace_m, this.gridStep_m, colours);
-    this.axisEnds = grid.axisEnds;
+    this.grid = gridAndAxes(scene.workspace_m, this.gridStep_m, colours);
+    this.axisEnds = this.grid.axisEnds;
     const sun = new DirectionalLight(0xffffff, 2.2);
     sun.position.set(2, -3, 5);
     this.body = new Body(scene.object, colours);
     const shapes = scene.geoms ?? [];
     this.bodies = shapes.length > 0 ? new SceneBodies(scene, box, colours) : null;
     this.ghost = new Ghost(scene.object, this.bodies && objectGeometries(shapes, box));
-    this.world.add(new AmbientLight(0xffffff, 1.6), sun, grid, this.bodies ?? this.body, this.ghost);
+    this.world.add(new AmbientLight(0xffffff, 1.6), sun, this.grid, this.bodies ?? this.body, this.ghost);
     for (const each of scene.geometry) this.world.add(fixedBody(each, colours));
     for (const each of scene.effects ?? []) this.world.add(new DrawnShape(each, undefined, box, colours));
     this.target = null; // it was cleared with the rest
@@ -179,6 +180,18 @@ export class Picture {
       ghost: where(this.ghost),
       people: people.map((each) => ({ seat: each.person.seat, hand: where(each.device), proxy: where(each.proxy), force: each.force.visible, handle: each.handle.visible ? each.handle.quaternion.toArray() : null })),
     };
+  }
+
+  /** Draw without grid and axes, once. @param {string} background @returns {object} the picture as a data: URL, and its camera */
+  portrait(background) {
+    this.grid.visible = false;
+    this.renderer.setClearColor(background);
+    this.renderer.render(this.world, this.orbit.camera);
+    const png = this.renderer.domElement.toDataURL();
+    this.grid.visible = true;
+    this.renderer.setClearColor(this.colours.background);
+    this.changed();
+    return { png, eye_m: this.orbit.camera.position.toArray(), target_m: this.orbit.target.toArray(), fov_deg: this.orbit.camera.fov };
   }
 
   /** @returns {{force_n: number, pixels: number}} a round force and the length of its arrow at the middle of the picture */
