@@ -17,17 +17,18 @@ Three = Annotated[tuple[float, ...], msgspec.Meta(min_length=3, max_length=3)]
 Four = Annotated[tuple[float, ...], msgspec.Meta(min_length=4, max_length=4)]
 MOST_SHAPES = 1024  # most shapes of a scene, and most bodies that move; further ones are left out
 _TRIANGLE = Struct("<9H")
-MOST_TRIANGLES = 55  # of one shape: its message fits a datagram; a surface of more is several shapes
-MOST_SURFACE_BYTES = MOST_TRIANGLES * _TRIANGLE.size  # of its triangles with their colours
-RGB_BYTES = 3  # of a triangle's colour
-MOST_COLOURED = MOST_SURFACE_BYTES // (_TRIANGLE.size + RGB_BYTES)  # triangles of one shape that have colours
+MOST_TRIANGLES = 55
+"""Most triangles of one shape, so that its message fits a datagram; a larger surface is several shapes."""
+MOST_SURFACE_BYTES = MOST_TRIANGLES * _TRIANGLE.size  # most bytes of a shape's triangles and their colours
+RGB_BYTES = 3  # bytes of a triangle's colour
+MOST_COLOURED = MOST_SURFACE_BYTES // (_TRIANGLE.size + RGB_BYTES)  # most triangles of one shape that have colours
 MOST_PERIOD_M = 1e6
-TILE = 18  # colours along each side of a plane's tile
+TILE = 18  # number of colours along each side of a plane's tile
 _NUMBER = Struct("<H")
-MOST_POINTS = MOST_SURFACE_BYTES // _NUMBER.size  # of one shape of points that move
-_COUNTS = 65535  # of a coordinate, from one side of the box around a surface to the other
-MOST_LOCAL = 64  # shapes with which a player's client renders contact itself
-MOST_PAIRS = 256  # of a ball and a fixed shape among them
+MOST_POINTS = MOST_SURFACE_BYTES // _NUMBER.size  # most points of one shape of points that move
+_COUNTS = 65535  # largest number that stands for a coordinate: the far side of the box around a surface
+MOST_LOCAL = 64  # most shapes with which a player's client renders contact itself
+MOST_PAIRS = 256  # most pairs of a ball and a fixed shape among the shapes of local contact
 UNTURNED: Four = (1.0, 0.0, 0.0, 0.0)
 
 

@@ -133,7 +133,7 @@ class Geoms(Record, frozen=True, gc=False):
     """Shapes that a room's scene is drawn of: before its first poses, and where an offset has changed."""
 
     shapes: tuple[Shape, ...]
-    offsets_m: Row  # of each seat's own frame from the object's, three a seat
+    offsets_m: Row  # position of each seat's own frame less the object's, three numbers a seat
     left_out: tuple[str, ...] | msgspec.UnsetType = msgspec.UNSET  # what the scene has and the shapes do not say
 
 

@@ -19,8 +19,8 @@ SCENE_UPDATE, FRAME_TRANSFORMS = "foxglove.SceneUpdate", "foxglove.FrameTransfor
 _encode = msgspec.json.Encoder().encode
 _DIGITS = 7
 _SHAFT_M, _HEAD_M = 0.003, 0.008
-_PLANE_M, _NO_END_M = 0.001, 2.0  # thickness; side of a plane without an end
-_ALL = 1  # of a deletion
+_PLANE_M, _NO_END_M = 0.001, 2.0  # thickness of a plane, and side of one without an end
+_ALL = 1  # number that stands for all entities in a deletion
 _LINE_STRIP, _LINE_LIST = 0, 2
 
 

@@ -11,7 +11,7 @@ import msgspec
 from msgspec import inspect
 
 NOT_SHOWN = ("unfit", "triangles", "colours", "points", "period_m", "left_out")
-"""Fields that are in the messages and in no schema: an array of arrays; those that only a mesh has."""
+"""Fields of messages that no schema has: an array of arrays, and those that few shapes or scenes have."""
 
 _NAMES = {
     inspect.IntType: "integer", inspect.FloatType: "number", inspect.StrType: "string", inspect.BoolType: "boolean",
