@@ -36,13 +36,13 @@ from cogrip.protocol.line.concealment import held_force
 from cogrip.protocol.settings import SeatSettings, Settings, seat_axes, seat_settings
 from cogrip.results.felt_as_intended import STIFFNESS_JND
 
-AMPLE = 1.5  # times its stiffness that a session should stay stable to
-MUCH_GAIN = 1.1  # of a decimator: more than that warns
-LITTLE_FELT = 0.25  # of the stiffness asked for: a felt stiffness below it warns
-HEAVY_KG = 0.25  # added to free motion by a line: a mug of coffee
+AMPLE = 1.5  # factor on a session's stiffness up to which it should stay stable
+MUCH_GAIN = 1.1  # largest gain of a decimator without a warning
+LITTLE_FELT = 0.25  # least share of the stiffness asked for that is felt without a warning
+HEAVY_KG = 0.25  # mass that a line adds to free motion above which it is noted: a mug of coffee
 BRISK_MPS, SLOW_TOUCH_MPS = 0.3, 0.1  # speeds with which hands touch things: briskly, and with care
 _TINY = 1e-9
-_NEAR = 1e-4  # of a stiffness
+_NEAR = 1e-4  # relative accuracy of a stiffness
 TOO_MUCH: dict[Scheme, str] = {
     "passive": "the damper that a device renders is too much for it",
     "paper": "the paper's server step uses a force one frame old",
@@ -53,7 +53,7 @@ INSTEAD: dict[Scheme, str] = {
     "paper": '; set coupling.server_step to "passive"',
     "coupling": '; set coupling.kind to "wave"',
 }
-_HALVINGS = 12  # of a damper, to find one with which a session is stable
+_HALVINGS = 12  # number of halvings of a damper, to find one with which a session is stable
 
 
 @dataclass(frozen=True, slots=True)
@@ -83,7 +83,7 @@ class UserAdvice:
 class Advice:
     verdict: Verdict
     limit: Limit
-    stiffness_npm: float  # the largest that anybody's spring is rendered with
+    stiffness_npm: float  # largest stiffness that anybody's spring is rendered with
     users: tuple[UserAdvice, ...]
     findings: tuple[Finding, ...]
 

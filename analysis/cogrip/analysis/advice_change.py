@@ -22,7 +22,7 @@ from cogrip.machine.addition import add_integers
 from cogrip.protocol.settings import Settings, resolve
 from cogrip.protocol.settings_table import SettingsError
 
-TOLD = 1.03  # factor of what a change costs, from which on it is said
+TOLD = 1.03  # factor of what a change costs above which it is told
 COSTS: dict[tuple[str, Any], str] = {
     ("coupling.kind", "local"): "a wall that moves is felt by its place alone, and comes to a hand step by step",
     ("coupling.compensate", True): "the spring is rendered stiffer, by the delay as it is measured",
@@ -78,7 +78,7 @@ class Change:
     value: Any
     before: Score
     after: Score
-    measured: bool = True  # where sessions looked at all: the felt stiffness is theirs
+    measured: bool = True  # True where sessions were run at all: the felt stiffness is theirs
     also: tuple[tuple[str, Any], ...] = ()
 
     @property

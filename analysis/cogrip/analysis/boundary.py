@@ -26,18 +26,20 @@ from cogrip.analysis.state_space import Array
 Flags = NDArray[np.bool_]
 Indices = NDArray[np.intp]
 
-LEAST_NPM = 1.0  # a region that ends below it does not count
+LEAST_NPM = 1.0  # least size of a region: one that ends below it does not count
 ASIDE = 1e-3  # distance from the boundary at which it is verified, as a share of s
-_AXIS = 1e-4  # of the other stiffness that a ray along an axis keeps: at 0 that spring's stretch would be a freedom
+_AXIS = 1e-4
+"""Share of the other stiffness that a ray along an axis keeps: at 0 that spring's stretch would be a freedom."""
 _FIRST_RAYS = 9
 _LEVELS = 6
-_CHORD = 2e-3  # of the box: a new point farther than this from the chord of its neighbours asks for more
+_CHORD = 2e-3
+"""Distance of a new point from the chord of its neighbours, as a share of the box, above which more are asked for."""
 _SCAN = np.geomspace(1e-3, 1.0, 13)
 _NEWTON_STEPS = 10
-_CONVERGED = 1e-5  # last step: the error left is its square
+_CONVERGED = 1e-5  # last step of an iteration that has converged: the error left is its square
 _DIFFERENCE = 1e-7
 _PROBES = (0.4, 0.8)
-_LEAST_ANGLE = 1e-9  # at angle 0 are the poles of uniform motion
+_LEAST_ANGLE = 1e-9  # least angle of a pole: at angle 0 are the poles of uniform motion
 
 Spread = Callable[[Array], Array]
 """A function from stiffnesses of two users, (..., 2), to those of all, (..., N)."""

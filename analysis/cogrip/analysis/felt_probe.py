@@ -26,10 +26,11 @@ from cogrip.protocol.settings import Settings, User, coupling_of
 from cogrip.sim.laboratory import Laboratory
 
 LOAD_N = 1.0
-START_S, APART_S = 0.5, 0.05  # then springs have their full stiffness; one after the other, so that the object is moved
-LAST_S = 2.0  # lost frames make the force flicker: the mean is what is felt
+START_S, APART_S = 0.5, 0.05
+"""Time at which loads begin, when springs have their full stiffness, and time between two: so the object is moved."""
+LAST_S = 2.0  # length of the stretch whose mean is what is felt: lost frames make the force flicker
 SETTLE_S, SETTLE_ROUND_TRIPS = 2.0, 12.0
-SHAKING = 2.0  # swing of the force against the load, from which on nothing rests
+SHAKING = 2.0  # ratio of the force's swing to the load, above which nothing rests
 
 
 @dataclass(frozen=True, slots=True)

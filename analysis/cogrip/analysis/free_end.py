@@ -16,7 +16,7 @@ from cogrip.analysis.linear_session import FORMS, LinearSession, Person
 from cogrip.analysis.stability import verdict
 from cogrip.client.rendered_damper import rounded_down
 
-_HALVINGS = 7  # The largest impedance with which nothing grows is searched in so many halvings.
+_HALVINGS = 7  # number of halvings in the search of the largest impedance with which nothing grows
 
 
 @dataclass(frozen=True, slots=True)

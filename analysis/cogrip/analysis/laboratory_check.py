@@ -37,14 +37,14 @@ from cogrip.results.verdict import passive, stable
 from cogrip.sim.laboratory import Laboratory
 
 Values = tuple[float | None, ...]
-"""Felt stiffness [N/m], one a seed; None where nothing came to rest."""
-LINES = 6  # people times seeds, on a network that is random; others are the same with every seed
+"""Felt stiffness of each seed [N/m]; None where nothing came to rest."""
+LINES = 6  # people times seeds on a network that is random; others are the same with every seed
 MOST_SEEDS = 3
-SESSION_S, LONGEST_S = 6.0, 20.0  # longer where hands or outages begin late
-SHORT_S = 3.0  # a shorter session says little
-EASED = ((1.0, 1.0), (1.0, 0.7), (0.75, 1.0), (0.75, 0.6), (0.5, 0.6))  # of b and K, the stiffest first
-MOST_CHANGES = 4  # tried in the laboratory
-MORE_CONTROLLED = 0.01  # of the ticks, in which the device port may change more than before
+SESSION_S, LONGEST_S = 6.0, 20.0  # length of a session, and of the longest where hands or outages begin late
+SHORT_S = 3.0  # length below which a session says little
+EASED = ((1.0, 1.0), (1.0, 0.7), (0.75, 1.0), (0.75, 0.6), (0.5, 0.6))  # factors on b and K, the stiffest first
+MOST_CHANGES = 4  # most changes that are tried in the laboratory
+MORE_CONTROLLED = 0.01  # most by which the share of ticks that the device port changes may grow
 DIRECTIONS: tuple[Literal["up", "down"], ...] = ("up", "down")
 _LEVELS: dict[Tone, Level] = {"good": "ok", "warn": "note", "bad": "warning"}
 _TONES: tuple[Tone, ...] = tuple(_LEVELS)

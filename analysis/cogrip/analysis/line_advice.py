@@ -18,9 +18,10 @@ from cogrip.protocol.line.delays import line_delay
 from cogrip.protocol.line_tuning import filter_lag_s
 from cogrip.protocol.settings import SeatSettings, Settings, User, seat_axes, seat_settings
 
-LIGHT_GRIP_N = 3.0  # with which a hand presses, where the settings' hand does not say
-DEEP_M, OUT_OF_REACH_M = 0.01, 0.05  # a hand beyond what it presses: a fingertip's breadth; half of a wrist's reach
-SLOW = 0.5  # of a stroke, which a swing of the line may take
+LIGHT_GRIP_N = 3.0  # force with which a hand presses, where the settings' hand does not say
+DEEP_M, OUT_OF_REACH_M = 0.01, 0.05
+"""Depths of a hand beyond what it presses: a fingertip's breadth; half of a wrist's reach."""
+SLOW = 0.5  # largest share of a stroke that a swing of the line may take
 
 
 def hand_query(user: User) -> Mapping[str, str]:

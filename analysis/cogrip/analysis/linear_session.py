@@ -58,7 +58,7 @@ FORMS: dict[Scheme, Form] = {
     "paper": Form("the paper's scheme", "wave", "paper", "lowpass", "velocity"),
     "coupling": Form("virtual coupling", "coupling"),
 }
-"""passive: waves and theory section 3's server step; paper: P eq. 12-18; coupling: theory section 5."""
+"""Form of each scheme. passive: waves and theory section 3's server step; paper: P eq. 12-18; coupling: theory section 5."""
 
 
 class ModelError(ValueError):

@@ -15,7 +15,7 @@ from cogrip.analysis.stability import largest_stable, radius
 from cogrip.analysis.state_space import Array
 from cogrip.protocol.settings import Settings
 
-EVERYWHERE_NPM = 20_000.0  # the side of a picture in which nothing is unstable
+EVERYWHERE_NPM = 20_000.0  # side of a picture in which nothing is unstable
 MOST_CELLS = 2000
 PAIR = 2
 

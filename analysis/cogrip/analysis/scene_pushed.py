@@ -11,8 +11,8 @@ from cogrip.server.worlds.scene_pushes import MOST_MADE_J, PUSHES, push
 from cogrip.server.worlds.world import WorldError
 
 SEED = 1
-FEW = 20  # pushes of a scene that is about to be run
-_WORK = 3000  # degrees of freedom times pushes: a larger scene is pushed less often, down to LEAST
+FEW = 20  # number of pushes of a scene that is about to be run
+_WORK = 3000  # degrees of freedom times pushes, at most: a larger scene is pushed less often, down to LEAST
 LEAST = 10
 
 

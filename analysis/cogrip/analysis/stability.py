@@ -20,9 +20,11 @@ from cogrip.analysis.state_space import Array
 SEARCHED_TO_NPM = 1e7
 SEARCHED_FROM_NPM = 1.0
 _STEPS_A_DECADE = 24
-_BATCH = 8  # sizes of the grid, where the first that is unstable ends it
-_PIECES, _SMALL = 9, 64  # into which a bracket is cut: of a model with more states each matrix costs more than a round
-_CHUNK = 1024  # matrices at a time: more do not fit into a cache
+_BATCH = 8  # number of sizes of the grid at a time, where the first that is unstable ends the search
+_PIECES, _SMALL = 9, 64
+"""Number of parts of a bracket in a round, and most states with which it is so large: a matrix of more costs more than a
+round."""
+_CHUNK = 1024  # number of matrices at a time: more do not fit into a cache
 
 
 @dataclass(frozen=True, slots=True)

@@ -24,10 +24,11 @@ from cogrip.client.velocity import largest_impedance
 from cogrip.devices.for_user import make_for
 from cogrip.protocol.settings import Settings, rates_of, resolve
 
-SHARES = tuple(step / 20.0 for step in range(2, 21))  # of the damper that everybody's device carries
-NEARLY = 0.99  # of what the line alone lets through: a stiffer spring is not worth its risk
-_NEAR = 1e-3  # of a stiffness
-_PROBED_NPM = 1e3  # where the line's own softness is read: it does not depend on K
+SHARES = tuple(step / 20.0 for step in range(2, 21))
+"""Shares of the damper that everybody's device carries, which are tried."""
+NEARLY = 0.99  # share of what the line alone lets through: a stiffer spring is not worth its risk
+_NEAR = 1e-3  # relative accuracy of a stiffness
+_PROBED_NPM = 1e3  # stiffness at which the line's own softness is read: it does not depend on K
 Bounded = Literal["stability", "the line", "the device's record", "sessions"]
 
 

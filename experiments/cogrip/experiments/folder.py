@@ -14,7 +14,7 @@ from typing import Any
 from cogrip.experiments.experiment import Experiment, Result
 
 CELLS, TABLE = "cells.jsonl", "table.csv"
-FILES = "files"  # key of a query: digests of the files that sessions read, by path
+FILES = "files"  # key of a query that holds the digests of the files which sessions read, by path
 
 
 class FolderError(Exception):

@@ -14,9 +14,9 @@ from cogrip.machine.stop import Stop
 from cogrip.protocol.io.cluster_address import ClusterError as ClusterError
 from cogrip.protocol.io.cluster_address import probe
 
-_UNDER_WAY = 4  # tasks kept in the cluster's queue for each of its processors
+_UNDER_WAY = 4  # number of tasks that are kept in the cluster's queue for each of its processors
 _POLL_S = 0.2
-_RETRIES = 20  # of a task whose node or worker died
+_RETRIES = 20  # most retries of a task whose node or worker died
 
 
 class RayWorkers:

@@ -18,9 +18,10 @@ from cogrip.experiments.experiment import Job, Measure, Result, run_cases
 from cogrip.machine.blas_threads import BLAS_THREADS, SAFE_PATH
 from cogrip.machine.stop import Stop
 
-MOST_DEATHS = 3  # of a worker, before its cases are given up
+MOST_DEATHS = 3  # most deaths of a worker before its cases are given up
 _POLL_S = 0.2
-_ENVIRONMENT = {**dict.fromkeys(BLAS_THREADS, "1"), SAFE_PATH: "1"}  # read when a worker starts
+_ENVIRONMENT = {**dict.fromkeys(BLAS_THREADS, "1"), SAFE_PATH: "1"}
+"""Environment of workers, which is read when one starts."""
 
 
 def processors() -> int:

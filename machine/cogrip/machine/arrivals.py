@@ -10,7 +10,8 @@ from typing import Any
 
 from cogrip.machine.platform import system, time
 
-_SO_TIMESTAMPNS = 35  # the same on every architecture but Alpha, PA-RISC and SPARC; its message has two native longs
+_SO_TIMESTAMPNS = 35
+"""Option of sockets, the same on every architecture but Alpha, PA-RISC and SPARC; its message has two native longs."""
 _TIMESPEC = struct.Struct("@ll")
 _ANCILLARY_BYTES = socket.CMSG_SPACE(_TIMESPEC.size) if hasattr(socket, "CMSG_SPACE") else 0
 

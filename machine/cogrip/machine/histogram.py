@@ -16,8 +16,8 @@ from cogrip.machine.bit_length import bit_length
 
 _SUB_BITS = 4
 _SUB_BINS = 1 << _SUB_BITS  # bins an octave
-_KEPT_BITS = _SUB_BITS + 1  # the leading one and the bits that pick the bin
-_LARGEST_NS = (1 << 62) - 1  # 146 years
+_KEPT_BITS = _SUB_BITS + 1  # bits of a duration that choose its bin: the leading one and those below it
+_LARGEST_NS = (1 << 62) - 1  # 146 years: a longer duration counts as this
 _BINS = ((62 - _KEPT_BITS) << _SUB_BITS) + 2 * _SUB_BINS
 _NOTHING = (0,) * _BINS
 

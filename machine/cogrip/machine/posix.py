@@ -15,22 +15,24 @@ from typing import IO, Any, Literal
 assert sys.platform != "win32"
 
 LINUX = sys.platform == "linux"
-CLOCK: Literal["monotonic", "perf_counter"] = "monotonic"  # its name for time.get_clock_info
+CLOCK: Literal["monotonic", "perf_counter"] = "monotonic"  # name of the clock for time.get_clock_info
 SPIN_NS = 60_000
-"""Spinning before a deadline: about what an ordinary thread with 1 ns of timer slack oversleeps."""
+"""Longest spinning before a deadline: about what an ordinary thread with 1 ns of timer slack oversleeps."""
 SPIN_PART = 4
-"""At most one in so many parts of a period is spun: a loop of high priority and rate, which spun half of it, would leave no
-processor for a server and recorders of lower priority. A thread under SCHED_FIFO oversleeps by some 15 us."""
+"""Divisor of a period that gives the longest spinning in it: a loop of high priority and rate, which spun half of it, would
+leave no processor for a server and recorders of lower priority. A thread under SCHED_FIFO oversleeps by some 15 us."""
 
-NOBODY_LISTENS: tuple[type[OSError], ...] = (ConnectionRefusedError,)  # raised by a connected UDP socket
+NOBODY_LISTENS: tuple[type[OSError], ...] = (ConnectionRefusedError,)
+"""Error that a connected UDP socket raises where nobody listens."""
 LOCKS_ARE_INHERITED = True
 _PIECE_BYTES = 1 << 20
 
 END_SIGNALS = (signal.SIGINT, signal.SIGTERM)
-TERMINATION_SIGNALS = (signal.SIGTERM, signal.SIGHUP)  # of a terminal that closes, too; not those of a key
+TERMINATION_SIGNALS = (signal.SIGTERM, signal.SIGHUP)
+"""Signals that end a process; SIGHUP comes from a terminal that closes. Those of keys are others."""
 REARM_SIGNAL: signal.Signals | None = signal.SIGUSR1
 HANGUP_SIGNAL: signal.Signals | None = signal.SIGHUP
-REARM_HOW = "`r` and Enter here, or `kill -USR1 {}`,"  # with the process's number
+REARM_HOW = "`r` and Enter here, or `kill -USR1 {}`,"  # how a client is re-armed; {} is the number of its process
 
 LACKS: dict[str, str] = {}
 """Lines of `cogrip doctor`: what this system lacks of what Linux has, and what is there instead."""
@@ -41,7 +43,7 @@ if not LINUX:
     }
 
 REAL_TIME: dict[str, Callable[[], tuple[str, Callable[[], None]]]] = {}
-"""Substitutes of real-time measures, by name: each returns what it set and how to undo that, or raises OSError."""
+"""Substitutes of real-time measures, by name: each sets it, returns what it set and how to undo that, or raises OSError."""
 
 
 def lock(fd: int) -> None:

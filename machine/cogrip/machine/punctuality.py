@@ -22,7 +22,7 @@ from cogrip.machine.large_pages import large_pages_permission
 from cogrip.machine.pacing import SPIN_NS, Pacer
 from cogrip.machine.platform import system, time
 
-_MODULE = "cogrip.machine.punctuality"  # not __name__: that may be __main__
+_MODULE = "cogrip.machine.punctuality"  # name of this module; __name__ may be __main__
 
 RATES_HZ = (1024, 4096, 8192)
 PLAIN, ALL = "plain sleep", "all together"
@@ -83,8 +83,8 @@ class Machine:
     lock_permission: str
     large_pages: str
     loopback_us: dict[str, float] | None
-    lacks: dict[str, str]  # of what Linux has, and what is there instead
-    load_after: float | None = None  # the same load when all was measured; the measuring itself is up to 1 of it
+    lacks: dict[str, str]  # what this system lacks of what Linux has, and what is there instead
+    load_after: float | None = None  # the same mean load when all was measured; the measuring itself is up to 1 of it
 
     @property
     def busy(self) -> float | None:

@@ -6,8 +6,9 @@ import sys
 from cogrip.machine.platform import system
 
 RECEIVE_BUFFER_BYTES = 1 << 20
-SO_MEMINFO, DROPS = 55, 8  # Linux: datagrams that a socket's buffer dropped
-OVERRUN = "socket: receive buffer full"  # reason under which they are counted
+SO_MEMINFO, DROPS = 55, 8
+"""Linux: socket option, and the place in its answer of the count of datagrams that the buffer dropped."""
+OVERRUN = "socket: receive buffer full"  # reason under which dropped datagrams are counted
 
 
 def enlarge(receiver: socket.socket) -> None:

@@ -29,8 +29,8 @@ LOST = 0xFFFF
 _U64 = Struct("Q")
 _COUNTERS = 6
 _HEAD_BYTES = 16
-_TOPIC_BITS = 32  # by which the topic is shifted
-_DATA = PAGE + _HEAD_BYTES  # where the first payload begins
+_TOPIC_BITS = 32  # bits by which the topic is shifted in a record's first word; the size is below it
+_DATA = PAGE + _HEAD_BYTES  # place where the first payload begins
 _PUT, _TAKEN, _LOST, _CLOSED, _SAID, _SAVED = range(_COUNTERS)
 _TEXT = 8 * _COUNTERS
 

@@ -16,7 +16,7 @@ TETHERED = "COGRIP_TETHERED"
 """Environment variable of a child whose standard input is a pipe from its parent: it is to end when that does."""
 
 
-MOST_TYPED_BYTES = 4096  # of a line
+MOST_TYPED_BYTES = 4096  # most bytes of typed lines that are kept until the line ends: the last ones
 
 
 @dataclass(slots=True)

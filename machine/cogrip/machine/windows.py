@@ -39,9 +39,9 @@ class time:  # noqa: N801 - it stands for the module
 LINUX = False
 CLOCK: Literal["monotonic", "perf_counter"] = "perf_counter"
 SPIN_NS = 600_000
-"""Spinning before a deadline: high-resolution timers end on the next half of a millisecond."""
+"""Longest spinning before a deadline: high-resolution timers end on the next half of a millisecond."""
 SPIN_PART = 1
-"""One in so many parts of a period is spun at most: all of it, at a rate at which no timer is fine enough."""
+"""Divisor of a period that gives the longest spinning in it: all of it, at a rate at which no timer is fine enough."""
 
 # A datagram to a port that nobody listens on fails the next receive with WSAECONNRESET.
 NOBODY_LISTENS: tuple[type[OSError], ...] = (ConnectionRefusedError, ConnectionResetError)
@@ -69,7 +69,7 @@ _winmm = ctypes.WinDLL("winmm")
 
 _LOCKFILE_FAIL_IMMEDIATELY, _LOCKFILE_EXCLUSIVE_LOCK = 1, 2
 _ERROR_LOCK_VIOLATION = 33
-_LOCKED_AT = 1 << 62  # a locked byte cannot be read by others: this one is beyond the end of any file
+_LOCKED_AT = 1 << 62  # byte that is locked: beyond the end of any file, as others cannot read a locked byte
 _HIGH_PRIORITY_CLASS, _THREAD_PRIORITY_TIME_CRITICAL = 0x80, 15
 _THREAD_PRIORITY_ERROR_RETURN = 0x7FFFFFFF
 _PERIOD_MS = 1
@@ -260,4 +260,4 @@ REAL_TIME: dict[str, Callable[[], tuple[str, Callable[[], None]]]] = {
     "timer-slack": _timer_period,
     "fifo": _high_priority,
 }
-"""Substitutes of real-time measures, by name: each returns what it set and how to undo that, or raises OSError."""
+"""Substitutes of real-time measures, by name: each sets it, returns what it set and how to undo that, or raises OSError."""

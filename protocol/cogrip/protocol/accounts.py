@@ -6,9 +6,9 @@ import msgspec
 
 from cogrip.machine.tick_count import Percentiles, TickCount
 
-REASON_BYTES = 280  # A client's account with a reason of this length still fits a datagram once it is encrypted.
-LEFT, SATURATED = 1, 2  # of a client's `incidents`: one byte, as the largest account has no room for more
-Row = Annotated[tuple[float, ...], msgspec.Meta(max_length=6)]  # one number an axis
+REASON_BYTES = 280  # longest reason with which a client's account still fits a datagram once it is encrypted
+LEFT, SATURATED = 1, 2  # bits of a client's `incidents`: one byte, as the largest account has no room for more
+Row = Annotated[tuple[float, ...], msgspec.Meta(max_length=6)]  # one number for each axis
 
 
 class LinkCount(msgspec.Struct, frozen=True, array_like=True):
@@ -30,21 +30,21 @@ class PlayoutAccount(msgspec.Struct, frozen=True, array_like=True):
     least_frames: float = 0.0
     most_frames: float = 0.0
     repeated: int = 0  # times that the playout delay was made longer
-    skipped: int = 0  # times that it was made shorter
+    skipped: int = 0  # times that the playout delay was made shorter
     concealed: int = 0  # frames that were missing when they were due
-    longest_gap: int = 0  # most of these in a row
+    longest_gap: int = 0  # most frames in a row that were concealed
 
 
 class DelayAccount(msgspec.Struct, frozen=True, array_like=True):
     """One-way delays between client and server as the client measured them [ms]; None where nothing was measured."""
 
-    up_ms: Percentiles = Percentiles()  # by the clocks, as far as their offset is known
+    up_ms: Percentiles = Percentiles()  # one-way delay by the clocks, as far as their offset is known
     down_ms: Percentiles = Percentiles()
     offset_ms: float | None = None  # the server's clock less the client's
-    uncertainty_ms: float | None = None  # of that offset: half the least round trip (`protocol.clock`)
+    uncertainty_ms: float | None = None  # uncertainty of the offset: half the least round trip (`protocol.clock`)
 
 
-Fraction = Annotated[float, msgspec.Meta(ge=0.0, le=1.0)]  # of the ticks in which the device may give force
+Fraction = Annotated[float, msgspec.Meta(ge=0.0, le=1.0)]  # fraction of the ticks in which the device may give force
 
 
 class DeviceAccount(msgspec.Struct, frozen=True, array_like=True):
@@ -76,8 +76,8 @@ class LineAccount(msgspec.Struct, frozen=True, array_like=True):
 class EffectAccount(msgspec.Struct, frozen=True, array_like=True):
     """Haptic effects that a client rendered, and their energy tank (docs/effects.md)."""
 
-    least_tank_j: float = 0.0  # least that the tank held, less what late ticks drew beyond it
-    drawn_j: float = 0.0  # by vibration and texture, in all
+    least_tank_j: float = 0.0  # least energy that the tank held, less what late ticks drew beyond it
+    drawn_j: float = 0.0  # energy that vibration and texture drew in all
 
 
 class ClientAccount(msgspec.Struct, frozen=True, array_like=True):
@@ -97,15 +97,16 @@ class ClientAccount(msgspec.Struct, frozen=True, array_like=True):
     unstable: bool  # a force oscillated until it was a fault, was not finite, or took out energy without end
     state: Annotated[str, msgspec.Meta(max_length=40)]
     reason: Annotated[str, msgspec.Meta(max_length=REASON_BYTES)]
-    peak_step_n: float = 0.0  # the largest change of the force from one tick to the next
-    playout: PlayoutAccount | None = None  # of the downlink; None without waves
+    peak_step_n: float = 0.0  # largest change of the force from one tick to the next
+    playout: PlayoutAccount | None = None  # account of the downlink; None without waves
     delay: DelayAccount = DelayAccount()
     device: DeviceAccount = DeviceAccount()
     down_reserve_j: float | None = None  # least balance of the downlink after its first second
-    peak_torque_nm: float = 0.0  # of a seat with a gripper its largest force [N]
-    line: LineAccount | None = None  # of the last line; None without waves
-    effects: EffectAccount | None = None  # None where none were told
-    incidents: Annotated[int, msgspec.Meta(ge=0, le=127)] = 0  # sum of LEFT and SATURATED; others are of later versions
+    peak_torque_nm: float = 0.0  # largest torque; of a seat with a gripper its largest force [N]
+    line: LineAccount | None = None  # account of the last line; None without waves
+    effects: EffectAccount | None = None  # account of the effects; None where none were told
+    # sum of LEFT and SATURATED; later versions have other bits
+    incidents: Annotated[int, msgspec.Meta(ge=0, le=127)] = 0
 
     @property
     def left(self) -> bool:
@@ -125,10 +126,10 @@ class SeatAccount(msgspec.Struct, frozen=True, array_like=True):
     up_margin_j: float | None
     line_margin_j: float | None
     up: LinkCount
-    playout: PlayoutAccount | None = None  # of the uplink; None without waves
-    rendered_npm: float | None = None  # the spring as it was integrated last
+    playout: PlayoutAccount | None = None  # account of the uplink; None without waves
+    rendered_npm: float | None = None  # stiffness of the spring as it was integrated last
     up_reserve_j: float | None = None  # least balance of the uplink after its first second
-    line_reserve_j: float | None = None  # of the whole line
+    line_reserve_j: float | None = None  # least balance of the whole line after its first second
 
 
 class RoomAccount(msgspec.Struct, frozen=True, array_like=True):

@@ -9,7 +9,7 @@ from collections.abc import Hashable, Mapping, Sequence
 from typing import Protocol
 
 Address = Hashable
-PEER = "peer"  # the address of the only other end
+PEER = "peer"  # address of the other end at an end that has only one
 
 
 class Channel(Protocol):

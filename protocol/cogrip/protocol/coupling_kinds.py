@@ -34,7 +34,7 @@ COUPLING_KINDS: dict[Kind, CouplingKind] = {
 }
 
 UNLENT_MJ = 1.0
-"""Energy that a scheme which lends none may give out before it is not passive [mJ]: it moves an arm of 75 g at 0.16 m/s."""
+"""Energy that a scheme without a credit may give out before it is not passive [mJ]: it moves an arm of 75 g at 0.16 m/s."""
 
 
 def lent_mj(kind: Kind, tank_mj: float) -> float:

@@ -16,7 +16,7 @@ from cogrip.protocol.line_tuning import USUAL_NSPM, corner_hz, filter_lag_s, kep
 from cogrip.protocol.rates import Rates
 
 LEAST_FILTER_HZ = 0.05
-GRIP_NSPM = 10.0  # of a gripper, where nothing else is said
+GRIP_NSPM = 10.0  # impedance of a gripper where the settings give none
 
 
 class CouplingBase(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
@@ -31,10 +31,10 @@ class CouplingBase(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     lowpass_rad_s: Annotated[float, msgspec.Meta(ge=1e-3, le=1e5)] = 50.0
     server_step: types.ServerStep = "passive"
     encoder: types.Encoder = "displacement"
-    rotational_impedance_nms: types.RotationalImpedance | msgspec.UnsetType = (
-        0.02  # of the axes that turn, where there are six
-    )
-    grip_impedance_nspm: types.Impedance | msgspec.UnsetType = msgspec.UNSET  # of a gripper, where there is one
+    # impedance of the axes that turn, where there are six
+    rotational_impedance_nms: types.RotationalImpedance | msgspec.UnsetType = 0.02
+    # impedance of a gripper, where there is one
+    grip_impedance_nspm: types.Impedance | msgspec.UnsetType = msgspec.UNSET
 
     @property
     def traits(self) -> CouplingKind:
@@ -52,7 +52,7 @@ class CouplingSection(CouplingBase, frozen=True, forbid_unknown_fields=True):
 class Coupling(CouplingBase, frozen=True, forbid_unknown_fields=True):
     """The coupling of one seat. Of the last two impedances a seat has one: that of its gripper, or of rotation."""
 
-    impedance_nspm: types.Impedance = USUAL_NSPM  # for "auto" that which the seat begins with
+    impedance_nspm: types.Impedance = USUAL_NSPM  # impedance of a seat; with "auto" the one that it begins with
     rotational_impedance_nms: types.RotationalImpedance | msgspec.UnsetType = msgspec.UNSET
 
     def fits(self, axes: int) -> bool:
@@ -78,7 +78,8 @@ class Coupling(CouplingBase, frozen=True, forbid_unknown_fields=True):
 class LineTuning(msgspec.Struct, frozen=True, array_like=True):
     """Filter of one seat's waves, and what its client may change: array-like, as a welcome has no room for more keys."""
 
-    wave_filter_hz: types.FilterHz = 0.0  # for "auto" that which the seat begins with; 0: none
+    # corner of the wave filter; with "auto" the one that the seat begins with; 0: no filter
+    wave_filter_hz: types.FilterHz = 0.0
     auto_impedance: bool = False
     auto_filter: bool = False
     prefer: types.Prefer = "balanced"

@@ -15,19 +15,20 @@ ShapeKind = Literal["box", "sphere", "capsule", "cylinder", "ellipsoid", "plane"
 Two = Annotated[tuple[float, ...], msgspec.Meta(min_length=2, max_length=2)]
 Three = Annotated[tuple[float, ...], msgspec.Meta(min_length=3, max_length=3)]
 Four = Annotated[tuple[float, ...], msgspec.Meta(min_length=4, max_length=4)]
-MOST_SHAPES = 1024  # of a scene, and bodies that move; further ones are left out
+MOST_SHAPES = 1024  # most shapes of a scene, and most bodies that move; further ones are left out
 _TRIANGLE = Struct("<9H")
-MOST_TRIANGLES = 55  # of one shape: its message fits a datagram; a surface of more is several shapes
-MOST_SURFACE_BYTES = MOST_TRIANGLES * _TRIANGLE.size  # of its triangles with their colours
-RGB_BYTES = 3  # of a triangle's colour
-MOST_COLOURED = MOST_SURFACE_BYTES // (_TRIANGLE.size + RGB_BYTES)  # triangles of one shape that have colours
+MOST_TRIANGLES = 55
+"""Most triangles of one shape, so that its message fits a datagram; a larger surface is several shapes."""
+MOST_SURFACE_BYTES = MOST_TRIANGLES * _TRIANGLE.size  # most bytes of a shape's triangles and their colours
+RGB_BYTES = 3  # bytes of a triangle's colour
+MOST_COLOURED = MOST_SURFACE_BYTES // (_TRIANGLE.size + RGB_BYTES)  # most triangles of one shape that have colours
 MOST_PERIOD_M = 1e6
-TILE = 18  # colours along each side of a plane's tile
+TILE = 18  # number of colours along each side of a plane's tile
 _NUMBER = Struct("<H")
-MOST_POINTS = MOST_SURFACE_BYTES // _NUMBER.size  # of one shape of points that move
-_COUNTS = 65535  # of a coordinate, from one side of the box around a surface to the other
-MOST_LOCAL = 64  # shapes with which a player's client renders contact itself
-MOST_PAIRS = 256  # of a ball and a fixed shape among them
+MOST_POINTS = MOST_SURFACE_BYTES // _NUMBER.size  # most points of one shape of points that move
+_COUNTS = 65535  # largest number that stands for a coordinate: the far side of the box around a surface
+MOST_LOCAL = 64  # most shapes with which a player's client renders contact itself
+MOST_PAIRS = 256  # most pairs of a ball and a fixed shape among the shapes of local contact
 UNTURNED: Four = (1.0, 0.0, 0.0, 0.0)
 
 
@@ -55,8 +56,8 @@ class Shape(msgspec.Struct, frozen=True):
     place_m: Three = (0.0, 0.0, 0.0)
     orientation: Four = UNTURNED
     rgba: Four | None = None
-    seat: int | None = None  # whose tool it is part of
-    object: bool = False  # it is part of the room's object
+    seat: int | None = None  # seat whose tool the shape is part of
+    object: bool = False  # the shape is part of the room's object
     triangles: bytes | msgspec.UnsetType = msgspec.UNSET
     colours: bytes | msgspec.UnsetType = msgspec.UNSET
     points: bytes | msgspec.UnsetType = msgspec.UNSET
@@ -154,10 +155,10 @@ HAND_SIZE_M = 0.008  # diameter of a hand's or proxy's sphere
 OBJECT_COLOUR = "#8A8F98"
 _CUBE_M: Vector = (0.04, 0.04, 0.04)
 _WALL_M: Vector = (0.004, 0.12, 0.12)
-_APART_M = 0.02  # between people on one side, as long as they fit on it
+_APART_M = 0.02  # distance between people on one side, as long as they fit on it
 # Okabe and Ito's palette, told apart with any colour vision; yellow is too pale for a line on white.
 _PALETTE = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9")
-COLOURS = 3 * len(_PALETTE)  # that `colour` tells apart
+COLOURS = 3 * len(_PALETTE)  # number of colours that `colour` tells apart
 
 
 @lru_cache(256)

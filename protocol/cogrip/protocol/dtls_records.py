@@ -15,14 +15,15 @@ An alert passes in every state. The client has no certificate and never renegoti
 from collections.abc import Callable, Iterator
 from typing import Literal, NamedTuple
 
-RECORD_HEADER_BYTES = 13  # type 1, version 2, epoch 2, number 6, length 2
-MESSAGE_HEADER_BYTES = 12  # type 1, length 3, number 2, fragment offset 3, fragment length 3
+RECORD_HEADER_BYTES = 13  # bytes of a record header: type 1, version 2, epoch 2, number 6, length 2
+MESSAGE_HEADER_BYTES = 12  # bytes of a message header: type 1, length 3, number 2, fragment offset 3, fragment length 3
 CHANGE_CIPHER_SPEC, ALERT, HANDSHAKE, DATA = 20, 21, 22, 23  # types of records
 CLIENT_HELLO, CLIENT_KEY_EXCHANGE = 1, 16  # types of handshake messages
-MOST_MESSAGE_BYTES = 1024  # of a handshake message of a client: its hello takes some 200, its key exchange 78
-MOST_MESSAGE_SEQ = 4  # hello 0, hello with the cookie 1, key exchange 2, Finished 3
-MOST_FINISHED_BYTES = 64  # of the record that holds Finished: 24, and up to 24 more for nonce and tag
-MOST_FINISHED = 2  # such records, of which one completes the handshake: the second is for one that came too early
+MOST_MESSAGE_BYTES = 1024  # longest handshake message of a client: its hello takes some 200 bytes, its key exchange 78
+MOST_MESSAGE_SEQ = 4  # highest message number of a client: hello 0, hello with the cookie 1, key exchange 2, Finished 3
+MOST_FINISHED_BYTES = 64  # longest record that holds Finished: 24 bytes, and up to 24 more for nonce and tag
+MOST_FINISHED = 2
+"""Most records that may hold Finished, of which one completes the handshake: the second is for one that came too early."""
 
 
 class Record(NamedTuple):

@@ -16,32 +16,33 @@ from cogrip.protocol.drawing import Shape
 from cogrip.protocol.setting_types import PLACES, Name
 
 EffectKind = Literal["viscous", "vibration", "texture", "magnet", "path", "zone"]
-MOST_EFFECTS = 16  # of one seat at once
-MOST_POINTS = 8  # of a path
+MOST_EFFECTS = 16  # most effects of one seat at once
+MOST_POINTS = 8  # most points of a path
 MOST_EFFECT_HZ = 256.0
 TANK_MJ = 10.0
 Coordinate = Annotated[float, msgspec.Meta(ge=-1e3, le=1e3)]
 Triple = tuple[Coordinate, Coordinate, Coordinate]
 HalfEdge = Annotated[float, msgspec.Meta(ge=0.0, le=1e3)]
-EffectTank = Annotated[float, msgspec.Meta(ge=0.0, le=1e3)]  # mJ
+EffectTank = Annotated[float, msgspec.Meta(ge=0.0, le=1e3)]  # energy that the tank holds at most [mJ]
 NOWHERE: Triple = (0.0, 0.0, 0.0)
 NEEDS: Mapping[EffectKind, tuple[str, ...]] = {
     "viscous": ("damping_nspm",), "vibration": ("amplitude_n", "frequency_hz"), "texture": ("amplitude_n", "period_m"),
     "magnet": ("stiffness_npm", "radius_m"), "path": ("stiffness_npm",), "zone": ("stiffness_npm",),
 }  # fmt: skip
-"""Kind -> parameters that are above 0."""
-LEAST: Mapping[str, float] = {"period_m": 1e-4, "radius_m": 1e-4, "frequency_hz": 1e-3}  # but for 0: none
-LEAST_STEP_M = 1e-4  # from a point of a path to the next
-LEAST_EVERY_S = (
-    0.1  # of what pushes as long as it is there: faster it is felt as a vibration, and taken for an oscillation
-)
-LEAST_DIRECTION = 1e-6  # length that still has a direction
+"""Parameters that must be above 0, by the kind of the effect."""
+LEAST: Mapping[str, float] = {"period_m": 1e-4, "radius_m": 1e-4, "frequency_hz": 1e-3}
+"""Least value of a parameter that is not 0."""
+LEAST_STEP_M = 1e-4  # least distance from a point of a path to the next
+LEAST_EVERY_S = 0.1
+"""Least period of an effect that is switched and pushes as long as it is there: switched faster it is felt as a vibration,
+and taken for an oscillation."""
+LEAST_DIRECTION = 1e-6  # least length of a vector that still has a direction
 _COLOURS: Mapping[EffectKind, tuple[float, float, float, float]] = {
     "viscous": (0.34, 0.71, 0.91, 0.2), "vibration": (0.9, 0.62, 0.0, 0.2), "texture": (0.8, 0.47, 0.65, 0.2),
     "magnet": (0.0, 0.45, 0.7, 0.25), "path": (0.0, 0.62, 0.45, 0.8), "zone": (0.84, 0.37, 0.0, 0.3),
 }  # fmt: skip
 _PATH_RADIUS_M = 0.001
-_NO_END_M = 0.1  # half of what is drawn along an axis where a box has no end
+_NO_END_M = 0.1  # half of the length that is drawn along an axis where a box has no end
 
 
 class Effect(msgspec.Struct, frozen=True, forbid_unknown_fields=True, omit_defaults=True):

@@ -8,7 +8,7 @@ other way round, says which K' to render so that the hand feels K (`compensated_
 
 from math import ceil
 
-MOST_GAIN = 100.0  # of the rendered over the felt stiffness: beyond it the hand would feel at most 1 % more
+MOST_GAIN = 100.0  # largest ratio of the rendered to the felt stiffness: beyond it the hand would feel at most 1 % more
 
 
 class OutOfReachError(ValueError):

@@ -20,7 +20,8 @@ if TYPE_CHECKING:
 
 MOST_LIMIT_M = 10.0
 LimitText = Annotated[str, msgspec.Meta(max_length=160)]
-LimitNumber = Annotated[int, msgspec.Meta(ge=-10_000_000, le=10_000_000)]  # um: a welcome has no room for more bytes
+LimitNumber = Annotated[int, msgspec.Meta(ge=-10_000_000, le=10_000_000)]
+"""Number of a workspace limit [um]: a welcome has no room for more bytes."""
 LIMITS = 'write "none", "auto", "box X0 X1 Y0 Y1 Z0 Z1" or "sphere X Y Z R" [m]'
 
 
@@ -177,9 +178,9 @@ class HandSection(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     position_scale: Scale = 1.0
     force_scale: Scale = 1.0
     rotation: Rotation = ""
-    clutch_button: Button = 0  # from 1; 0: none
-    workspace_limit_m: LimitText = "none"  # (`limit_of`)
-    gravity_compensation: bool = False  # carry the device's handle, where its record has a mass
+    clutch_button: Button = 0  # number of the button that is the clutch, from 1; 0: none
+    workspace_limit_m: LimitText = "none"  # workspace limit as text, read by `limit_of`
+    gravity_compensation: bool = False  # the device carries its own handle, where its record has a mass
 
     def tool_and_limit(self, axes: int) -> tuple[ToolFrame | None, WorkspaceLimit]:
         """Return the frame of the tool, None where it moves as the hand does, and the limit. Raises ValueError."""

@@ -7,17 +7,18 @@ import msgspec
 
 from cogrip.machine.addition import add_floats
 
-MOST_BUTTONS = 32  # of one handle
-MOST_EDGES = 16  # that a client has sent and not seen acknowledged
-MOST_AT_ONCE = 2  # messages of edges between two frames: with the frames' own, 3/4 of what a server lets a peer send
-MOST_AGE = 65535  # ticks: an older edge says so much
+MOST_BUTTONS = 32  # most buttons of one handle
+MOST_EDGES = 16  # most edges that a client has sent and not seen acknowledged
+MOST_AT_ONCE = 2
+"""Most messages of edges between two frames: with the frames' own, 3/4 of what a server lets a peer send."""
+MOST_AGE = 65535  # largest age of an edge [ticks]: an older one is told with this age
 Buttons = Annotated[int, msgspec.Meta(ge=0, le=2**MOST_BUTTONS - 1)]
 EdgeCount = Annotated[int, msgspec.Meta(ge=0, le=2**32 - 1)]
 Edge = Annotated[int, msgspec.Meta(ge=-MOST_BUTTONS, le=MOST_BUTTONS)]  # button from 1; above 0 down, below 0 up
 Age = Annotated[int, msgspec.Meta(ge=0, le=MOST_AGE)]
-Opening = Annotated[float, msgspec.Meta(ge=-1.0, le=1.0)]  # of a gripper [m]
-UNIT = 1e-3  # a unit quaternion's squares add up to 1 within this
-Quaternion = Annotated[tuple[float, ...], msgspec.Meta(min_length=4, max_length=4)]  # w, x, y, z
+Opening = Annotated[float, msgspec.Meta(ge=-1.0, le=1.0)]  # opening of a gripper [m]
+UNIT = 1e-3  # most by which the sum of a unit quaternion's squares may be off 1
+Quaternion = Annotated[tuple[float, ...], msgspec.Meta(min_length=4, max_length=4)]  # quaternion w, x, y, z
 
 
 class Handle(msgspec.Struct, frozen=True, array_like=True, gc=False):

@@ -9,9 +9,9 @@ from cogrip.protocol.texts import clipped
 if TYPE_CHECKING:
     from cogrip.protocol.messages import Hello
 
-HELLO_BYTES = 1024  # a hello is padded to this: no answer to an unauthenticated peer is longer than its request
-SHORT = 40  # characters of a ShortText
-DEVICE_BYTES = 200  # of a device address: its beginning stands in `device`, the whole in the padding
+HELLO_BYTES = 1024  # length to which a hello is padded: no answer to an unauthenticated peer is longer than its request
+SHORT = 40  # most characters of a ShortText
+DEVICE_BYTES = 200  # longest device address: its beginning stands in `device`, the whole in the padding
 
 _encode = msgspec.msgpack.Encoder().encode
 

@@ -19,11 +19,11 @@ TOKEN_CHARACTERS = 22  # 128 bits in base64url
 SHAPE = "cogrip://HOST:PORT/ROOM#FINGERPRINT.TOKEN"
 _MOST_CHARACTERS = 1000
 _MOST_SHOWN = 60
-_ROOM_CHARACTERS = 40  # as `settings.Name`
+_ROOM_CHARACTERS = 40  # most characters of a room's name, as in `settings.Name`
 _HOST = re.compile(r"[A-Za-z0-9_][A-Za-z0-9_.-]{0,252}\Z")
 _FINGERPRINT = re.compile(rf"[0-9a-f]{{{FINGERPRINT_DIGITS}}}\Z")
 _TOKEN = re.compile(rf"[A-Za-z0-9_-]{{{TOKEN_CHARACTERS}}}\Z")
-_LONG_HEX = re.compile(r"[0-9a-fA-F]{40}")  # no host has it in its name
+_LONG_HEX = re.compile(r"[0-9a-fA-F]{40}")  # hexadecimal digits so many that no host has them in its name
 _WRAPPING = " \t\r\n\v\f\u00a0\ufeff'\"`<>‘’‚“”„«»"
 _COMMAND = re.compile(r"cogrip\s+join\s+", re.IGNORECASE)
 
@@ -37,7 +37,7 @@ class JoinLink(msgspec.Struct, frozen=True):
 
     host: str  # name, IPv4, or IPv6 without its brackets
     port: int
-    room: str  # "" any
+    room: str  # name of the room; "" any
     fingerprint: str
     token: str
 

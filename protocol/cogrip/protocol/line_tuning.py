@@ -15,13 +15,14 @@ from cogrip.protocol.loop_meter import LoopMeter
 from cogrip.protocol.setting_types import Prefer
 
 USUAL_NSPM = 20.0
-LEAST_NSPM, MOST_NSPM = 1.0, 60.0  # that a seat may choose: scenes are tested from there to there (theory 8.2)
-MASS_KG = {"light": 0.5, "balanced": 1.8, "stiff": inf}  # apparent mass of a line, at most
+LEAST_NSPM, MOST_NSPM = 1.0, 60.0
+"""Range of b that a seat may choose from: scenes are tested from there to there (theory 8.2)."""
+MASS_KG = {"light": 0.5, "balanced": 1.8, "stiff": inf}  # largest apparent mass of a line, by what its seat prefers
 LONG_S, SLOPE, LAG_S, SHARE = 0.28, 10.0, 0.41, 0.65
-FOLLOW_S = 5.0  # in which the loop time that is gone by changes by a factor of e
+FOLLOW_S = 5.0  # time in which the followed loop time changes by a factor of e at most
 READINGS_HZ = 4
-AGREED = 0.05  # by which two readings in a row differ at most
-NEW = 0.1  # by which a loop differs from the last goal that is to be a new one
+AGREED = 0.05  # largest difference of two readings in a row that agree, as a fraction of the newer one
+NEW = 0.1  # difference to the last goal above which a reading is a new one, as a fraction of that goal
 KEPT = 64  # changes that are remembered until their frames are popped
 
 

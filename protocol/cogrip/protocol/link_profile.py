@@ -14,10 +14,10 @@ Burst = Annotated[float, msgspec.Meta(ge=1.0, le=1e4)]
 Rate = Annotated[float, msgspec.Meta(ge=0.0, le=1e7)]
 OutageSeconds = Annotated[float, msgspec.Meta(ge=0.0, le=1e4)]
 OutageStart = Annotated[float, msgspec.Meta(ge=0.0, le=1e6)]
-MOST_OUTAGES = 64  # by script
+MOST_OUTAGES = 64  # most outages of a script
 Length = Annotated[float, msgspec.Meta(gt=0.0, le=1e4)]
 Outages = Annotated[tuple[tuple[OutageStart, Length], ...], msgspec.Meta(max_length=MOST_OUTAGES)]
-"""By script: (start_s, length_s) of each."""
+"""Scripted outages: (start_s, length_s) of each."""
 TracePath = Annotated[str, msgspec.Meta(min_length=1, max_length=4096)]
 LEAST_KBPS = 1.0
 
@@ -54,10 +54,11 @@ class LinkDirection(msgspec.Struct, frozen=True, forbid_unknown_fields=True, omi
     duplicate: Probability | None = None
     reorder: Probability | None = None
     rate_kbps: Rate | None = None
-    outage_s: OutageSeconds | None = None  # how long each lasts
-    outage_every_s: OutageStart | None = None  # from begin to begin; the first begins after as long
-    outages: Outages | None = None  # besides
-    trace: TracePath | None = None  # a file of recorded delays and losses, besides
+    outage_s: OutageSeconds | None = None  # length of each periodic outage
+    # time from the beginning of a periodic outage to that of the next; the first one begins after as long
+    outage_every_s: OutageStart | None = None
+    outages: Outages | None = None  # scripted outages, beside periodic ones
+    trace: TracePath | None = None  # path of a file of recorded delays and losses, used beside the above
 
 
 class LinkProfile(msgspec.Struct, frozen=True, forbid_unknown_fields=True, array_like=True):

@@ -38,40 +38,42 @@ from cogrip.protocol.texts import MARK_BYTES as MARK_BYTES
 from cogrip.protocol.texts import TEXT_BYTES
 from cogrip.protocol.tool_frame import Scale
 
-MOST_WAIT_MS = 600_000  # for a server that restarts
+MOST_WAIT_MS = 600_000  # longest wait for a server that restarts
 PROTOCOL_VERSION = 8
 MAGIC: Literal["cogrip"] = "cogrip"
-MAX_DATAGRAM_BYTES = 1232  # fits one IPv6 packet on every path (RFC 8200: 1280 less the headers)
-DTLS_BYTES = 37  # that DTLS adds to a message: record header 13, AES-GCM nonce 8 and tag 16
+MAX_DATAGRAM_BYTES = 1232  # longest datagram: it fits one IPv6 packet on every path (RFC 8200: 1280 less the headers)
+DTLS_BYTES = 37  # bytes that DTLS adds to a message: record header 13, AES-GCM nonce 8 and tag 16
 MAX_MESSAGE_BYTES = MAX_DATAGRAM_BYTES - DTLS_BYTES
-LEAVE_TEXT_BYTES = 160  # and that of a leave, which has an account behind it
+LEAVE_TEXT_BYTES = 160  # longest text of a leave, which has an account behind it
 
 Counter = Annotated[int, msgspec.Meta(ge=0, le=2**53)]
 Ticks = Annotated[int, msgspec.Meta(ge=-(2**31), le=2**31)]
 Session = Annotated[int, msgspec.Meta(ge=1, le=2**63 - 1)]
 Ns = Annotated[int, msgspec.Meta(ge=0, le=2**63 - 1)]
-WaveValue = Annotated[float, msgspec.Meta(ge=-1e4, le=1e4)]  # sqrt(W)
+WaveValue = Annotated[float, msgspec.Meta(ge=-1e4, le=1e4)]  # wave [sqrt(W)]
 Total = Annotated[float, msgspec.Meta(ge=-1e15, le=1e15)]
 Metres = Annotated[float, msgspec.Meta(ge=-1e3, le=1e3)]
 MetresPerSecond = Annotated[float, msgspec.Meta(ge=-1e4, le=1e4)]
 Newtons = Annotated[float, msgspec.Meta(ge=-1e9, le=1e9)]
-Entered = Annotated[float, msgspec.Meta(ge=0.0, le=1e15)]  # J
-MOST_STATE = 2 * POSE_AXES + 2 * PLACES  # with the angle travelled and the proxy of local contact
-VIEWED_SEATS = 16  # a view has room for so many; further ones are left out
+Entered = Annotated[float, msgspec.Meta(ge=0.0, le=1e15)]  # energy that entered a channel [J]
+MOST_STATE = 2 * POSE_AXES + 2 * PLACES
+"""Most numbers of a state: with the angle travelled and the proxy of local contact."""
+VIEWED_SEATS = 16  # most seats of a view, which has room for no more; further ones are left out
 Axes = msgspec.Meta(min_length=1, max_length=POSE_AXES)
 Text = Annotated[str, msgspec.Meta(max_length=TEXT_BYTES)]
 ShortText = Annotated[str, msgspec.Meta(max_length=SHORT)]
-Secret = Annotated[str, msgspec.Meta(max_length=32, pattern=r"^[A-Za-z0-9_-]*\Z")]  # 128 bits in base64url take 22
-Digest = Secret  # of the same letters, so that the longest welcome is no longer than a hello
+Secret = Annotated[str, msgspec.Meta(max_length=32, pattern=r"^[A-Za-z0-9_-]*\Z")]
+"""Secret as text: 128 bits in base64url take 22 letters."""
+Digest = Secret  # digest, in the letters of a secret, so that the longest welcome is no longer than a hello
 Role = Literal["player", "observer"]
-NO_BOUND = 1e6  # a record's bound that is infinite, on the wire
+NO_BOUND = 1e6  # value on the wire that stands for a record's bound that is infinite
 Bound = Annotated[float, msgspec.Meta(ge=0.0, le=NO_BOUND)]
 Milliseconds = Annotated[float, msgspec.Meta(ge=-1e6, le=1e6)]
 Frames = Annotated[int, msgspec.Meta(ge=0, le=2**53)]
 Presence = Literal["joining", "live", "silent"]
 ServerPlace = Annotated[str, msgspec.Meta(max_length=60)]
-MOST_FRONTS = 8  # of a redirect
-MOST_POSES = 39  # of one message
+MOST_FRONTS = 8  # most fronts that a redirect names
+MOST_POSES = 39  # most poses of one message
 _POSE = Struct("<H7f")
 MOST_POSE_BYTES = MOST_POSES * _POSE.size
 BodyNumber = Annotated[int, msgspec.Meta(ge=0, le=MOST_SHAPES - 1)]
@@ -92,7 +94,7 @@ class Message(msgspec.Struct, frozen=True, array_like=True, gc=False, forbid_unk
 class Stamp(msgspec.Struct, frozen=True, array_like=True, gc=False):
     """Clock readings for the round trip: rtt = now - echo_ns - held_ns at the end that gets its own echo back."""
 
-    sent_ns: Ns  # sender's clock when this was sent
+    sent_ns: Ns  # time at the sender's clock when this was sent
     echo_ns: Ns = 0  # newest sent_ns received from the other end, 0 when none
     held_ns: Ns = 0  # time since that one was received
 
@@ -104,10 +106,11 @@ class Hello(Message, frozen=True, tag=1):
     version: Counter
     software: ShortText
     nonce: Ns
-    room: ShortText  # "" any
-    name: ShortText  # "" any free seat
-    digest: ShortText  # "" accept the server's settings
-    device: ShortText  # on the wire; a hello that was decoded, or is to be padded, has the whole address
+    room: ShortText  # name of the room; "" any
+    name: ShortText  # name of the seat; "" any that is free
+    digest: ShortText  # digest of the expected settings; "" accept the server's
+    # address of the device; on the wire its beginning, in a hello that was decoded or is to be padded the whole
+    device: ShortText
     device_axes: Annotated[int, msgspec.Meta(ge=1, le=6)]
     device_rate_hz: Annotated[float, msgspec.Meta(ge=1.0, le=1e6)]
     device_force_n: Bound  # the record's peak force
@@ -128,7 +131,8 @@ class Welcome(Message, frozen=True, tag=2):
     session: Session
     digest: Digest
     software: ShortText
-    settings: SeatSettings  # an observer's: those of the room's first seat, with the observer's own name
+    # settings of the seat; an observer's are those of the room's first seat, with the observer's own name
+    settings: SeatSettings
     ticket: Secret = ""
     role: Role = "player"
 
@@ -155,17 +159,18 @@ class Waves(Message, frozen=True, tag=4):
     port_j: Total  # energy that went into the line at the sender's port, up to the newest frame
     acknowledged: Counter  # frame of the other direction that was applied last, plus 1; 0: none yet
     stamp: Stamp
-    state: Annotated[tuple[MetresPerSecond, ...], msgspec.Meta(min_length=2, max_length=MOST_STATE)]
     # client: hand's position before frame 0, then after the newest frame [m], of a pose also the angle travelled between
     # [rad]; server: object's position [m], velocity [m/s]; axes 4 to 6 are a rotation vector [rad], its rates [rad/s]
+    state: Annotated[tuple[MetresPerSecond, ...], msgspec.Meta(min_length=2, max_length=MOST_STATE)]
     # client: device ticks by which the newest frame ended later than frames of M ticks would have; server: ticks by which the
     # client may send later, below 0 should send sooner
     phase: Ticks = 0
     applied: Counter = 0  # client: ticks for which frame `acknowledged` - 1 had been applied as the newest frame ended
-    impedance_nspm: Annotated[float, msgspec.Meta(ge=0.0, le=1e4)] = 0.0  # with which the newest frame was made
+    # impedance with which the newest frame was made
+    impedance_nspm: Annotated[float, msgspec.Meta(ge=0.0, le=1e4)] = 0.0
     since: Counter = 0  # number of the first frame with that impedance; both 0: the settings' one
-    handle: Handle | None = None  # up: where the device has one
-    edges: EdgeCount = 0  # down: edges of buttons that the object's world has been given, in this seat session
+    handle: Handle | None = None  # up: state of the handle, where the device has one
+    edges: EdgeCount = 0  # down: edges of buttons that the object's world has been given in this seat session
 
 
 class State(Message, frozen=True, tag=5):
@@ -178,7 +183,7 @@ class State(Message, frozen=True, tag=5):
     port_j: Total
     acknowledged: Counter
     stamp: Stamp
-    handle: Handle | None = None  # this and the next as in `Waves`
+    handle: Handle | None = None  # handle and edges as in `Waves`
     edges: EdgeCount = 0
 
 
@@ -210,10 +215,10 @@ class View(Message, frozen=True, tag=9):
     """State for an observer: the object, and the hands of those who hold it, each in its own frame."""
 
     session: Session
-    number: Counter  # of the room's step
+    number: Counter  # number of the room's step
     # position [m], velocity [m/s]
     object: Annotated[tuple[MetresPerSecond, ...], msgspec.Meta(min_length=2, max_length=6)]
-    seats: Annotated[tuple[SeatNumber, ...], msgspec.Meta(max_length=VIEWED_SEATS)]  # who holds it
+    seats: Annotated[tuple[SeatNumber, ...], msgspec.Meta(max_length=VIEWED_SEATS)]  # seats that hold the object
     proxies_m: Annotated[tuple[Metres, ...], msgspec.Meta(max_length=3 * VIEWED_SEATS)]  # seat by seat, axis by axis
     forces_n: Annotated[tuple[Newtons, ...], msgspec.Meta(max_length=3 * VIEWED_SEATS)]
     stamp: Stamp
@@ -224,16 +229,17 @@ class Power(Message, frozen=True, tag=10):
 
     session: Session
     number: Counter
-    # client: of its proxy, mean over the frame, on the hand at the last tick; server: of the object, force for the hand
+    # The client tells the position of its proxy, the mean velocity over the frame, and the force on the hand at the last
+    # tick; the server tells position and velocity of the object, and the force for the hand.
     position_m: Annotated[tuple[Metres, ...], Axes]
     velocity_mps: Annotated[tuple[MetresPerSecond, ...], Axes]
     force_n: Annotated[tuple[Newtons, ...], Axes]
-    entered_j: Annotated[tuple[Entered, ...], Axes]  # energy into the channel here, inward flow only
-    taken_j: Annotated[tuple[Entered, ...], Axes]  # energy out of it here, outward flow only
-    port_j: Total  # energy in less energy out here, all axes
+    entered_j: Annotated[tuple[Entered, ...], Axes]  # energy that entered the channel here: inward flow alone
+    taken_j: Annotated[tuple[Entered, ...], Axes]  # energy that left the channel here: outward flow alone
+    port_j: Total  # energy in less energy out here, of all axes
     acknowledged: Counter  # number of the other direction's message popped last, plus 1; 0: none yet
     stamp: Stamp
-    handle: Handle | None = None  # this and the next as in `Waves`
+    handle: Handle | None = None  # handle and edges as in `Waves`
     edges: EdgeCount = 0
 
     def of_axes(self, axes: int) -> bool:
@@ -246,26 +252,28 @@ class Person(Message, frozen=True, tag=11):
     """One seated person for an observer: place, delays and energy margins as the server knows them; None: not known."""
 
     session: Session
-    number: Counter  # of the room's step
+    number: Counter  # number of the room's step
     seat: SeatNumber
     name: ShortText
     state: Presence  # joining: not on the object yet; silent: nothing came for QUIET_NS
-    hand_m: Annotated[tuple[Metres, ...], msgspec.Meta(max_length=3)]  # after the newest frame, in the hand's own frame
-    offset_m: Annotated[tuple[Metres, ...], msgspec.Meta(max_length=3)]  # of the hand's own frame from the object's
+    # place of the hand after the newest frame, in the hand's own frame
+    hand_m: Annotated[tuple[Metres, ...], msgspec.Meta(max_length=3)]
+    # position of the hand's own frame less the object's
+    offset_m: Annotated[tuple[Metres, ...], msgspec.Meta(max_length=3)]
     rtt_ms: Milliseconds | None
     up_ms: Milliseconds | None  # one-way delays, without jitter buffers
     down_ms: Milliseconds | None
     buffer_frames: Annotated[float, msgspec.Meta(ge=0.0, le=2.0**53)] | None  # depth of the jitter buffer up
-    behind_frames: Frames | None  # sent down and not yet applied when the newest applied frame was sent up
-    lost: Counter  # frames up, so far
+    behind_frames: Frames | None  # frames sent down and not yet applied when the newest applied frame was sent up
+    lost: Counter  # frames up that were lost, so far
     sent: Counter
-    up_margin_j: Total | None  # least so far
+    up_margin_j: Total | None  # least energy margin of the uplink, so far
     line_margin_j: Total | None
-    up_reserve_j: Total | None  # balance now
+    up_reserve_j: Total | None  # energy reserve of the uplink, now
     line_reserve_j: Total | None
     buttons: Buttons = 0  # bit k: button k + 1 is down
-    edges: EdgeCount = 0  # of the buttons, so far: a press between two messages shows here
-    orientation: Quaternion | None = None  # of the handle, as told last
+    edges: EdgeCount = 0  # edges of the buttons, so far: a press between two messages shows here
+    orientation: Quaternion | None = None  # orientation of the handle, as told last
     grip_m: Opening | None = None
     position_scale: Scale = 1.0
     force_scale: Scale = 1.0
@@ -280,7 +288,7 @@ class Bodies(Message, frozen=True, tag=12):
     """Poses of some of a scene's bodies for an observer: records of body, place [m], quaternion w, x, y, z (`_POSE`)."""
 
     session: Session
-    number: Counter  # of the room's step
+    number: Counter  # number of the room's step
     poses: Annotated[bytes, msgspec.Meta(min_length=_POSE.size, max_length=MOST_POSE_BYTES)]
 
     def __post_init__(self) -> None:
@@ -299,8 +307,8 @@ class Geom(Message, frozen=True, tag=13):
     """One of the shapes that a scene is drawn of, for an observer (`drawing.Shape`), or that a player's client renders."""
 
     session: Session
-    count: Annotated[int, msgspec.Meta(ge=1, le=MOST_SHAPES)]  # of shapes
-    number: BodyNumber  # of this one, from 0
+    count: Annotated[int, msgspec.Meta(ge=1, le=MOST_SHAPES)]  # number of shapes of the scene
+    number: BodyNumber  # number of this shape, from 0
     kind: ShapeKind
     size_m: Sizes
     body: BodyNumber | None
@@ -344,18 +352,18 @@ class Mark(Message, frozen=True, tag=14):
     """A marker. A client that sets one repeats it until the server tells it with `theirs`; the server tells everybody."""
 
     session: Session
-    number: Counter  # up: of the client's, down: of the room's, from 1
+    number: Counter  # number of the marker, from 1; up: the client counts, down: the room
     text: Annotated[str, msgspec.Meta(max_length=MARK_BYTES)]
-    step: Counter = 0  # down: of the room, when it was set
-    seat: SeatNumber | None = None  # down: who set it; None: the administrator, or the world
-    theirs: Counter = 0  # down: its number up
+    step: Counter = 0  # down: step of the room at which the marker was set
+    seat: SeatNumber | None = None  # down: seat that set the marker; None: the administrator, or the world
+    theirs: Counter = 0  # down: number that the marker had on its way up
 
 
 class SetHand(Message, frozen=True, tag=15):
     """Down, a change of a player's hand settings, repeated until it is acknowledged; up, a report of all, likewise."""
 
     session: Session
-    number: Counter  # of the sender's changes or reports in this session, from 1; down 0: it acknowledges alone
+    number: Counter  # number of the sender's changes or reports in this session, from 1; down 0: it acknowledges alone
     acknowledged: Counter  # newest number of the other end that was taken; 0: none
     hand: HandChange = HandChange()
 
@@ -364,11 +372,12 @@ class Effects(Message, frozen=True, tag=16):
     """Haptic effects that a player's client is to render: which there are, and one of them. The client answers which it has."""
 
     session: Session
-    version: Counter  # of what is told: grows with every change
-    numbers: Annotated[tuple[Counter, ...], msgspec.Meta(max_length=MOST_EFFECTS)]  # down: in force; up: known of those
+    version: Counter  # version of the effects that are told: it grows with every change
+    # numbers of effects; down: those in force; up: those of them that are known
+    numbers: Annotated[tuple[Counter, ...], msgspec.Meta(max_length=MOST_EFFECTS)]
     tank_mj: EffectTank
-    number: Counter = 0  # of `effect`
-    effect: Effect | None = None  # down, in the hand's own frame; None: none is left
+    number: Counter = 0  # number of `effect`
+    effect: Effect | None = None  # down: an effect, in the hand's own frame; None: none is left
 
 
 class Edges(Message, frozen=True, tag=17):
@@ -384,7 +393,7 @@ class Redirect(Message, frozen=True, tag=18):
 
     version: Counter
     nonce: Ns
-    place: ServerPlace  # HOST:PORT, the host an address
+    place: ServerPlace  # place of the server as HOST:PORT, the host an address
     fronts: Annotated[tuple[ServerPlace, ...], msgspec.Meta(max_length=MOST_FRONTS)] = ()
 
 

@@ -19,12 +19,12 @@ if TYPE_CHECKING:
 
 AUTO = "auto"
 RATES_HZ = (128, 256, 512, 1024)
-PERSON_S = 120e-6  # of a server's time for one person's frame, encrypted and recorded (`dev.py bench network`)
-WORLD_S = 500e-6  # for a scene's frame; the objects that come with the runtime cost next to nothing
-OUTSIDE_S = 100e-6  # of PERSON_S, socket, encryption and recording, which no measurement in one process has
-SERVER_SHARE = 0.4  # of a processor that one room may take
-LINK_SHARE = 0.5  # of a link's capacity that one line may take
-HEAD_BYTES = 160  # of a datagram: IP, UDP and DTLS headers, all of its message but waves and totals
+PERSON_S = 120e-6  # time that one person's frame takes a server, encrypted and recorded (`dev.py bench network`)
+WORLD_S = 500e-6  # time that a scene's frame takes; the objects that come with the runtime cost next to nothing
+OUTSIDE_S = 100e-6  # part of PERSON_S for socket, encryption and recording, which no measurement in one process has
+SERVER_SHARE = 0.4  # share of a processor that one room may take
+LINK_SHARE = 0.5  # share of a link's capacity that one line may take
+HEAD_BYTES = 160  # bytes of a datagram beside waves and totals: IP, UDP and DTLS headers, the rest of its message
 REAL_BYTES = 9
 
 

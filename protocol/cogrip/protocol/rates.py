@@ -6,7 +6,7 @@ import msgspec
 
 NS_PER_S = 1_000_000_000
 
-LEAST_DEVICE_HZ = 250  # of a loop that gives force to a hand: a force is held for at most 4 ms
+LEAST_DEVICE_HZ = 250  # lowest rate of a loop that gives force to a hand: a force is held for at most 4 ms
 
 Hz = Annotated[int, msgspec.Meta(ge=1, le=20_000)]
 DeviceHz = Annotated[int, msgspec.Meta(ge=LEAST_DEVICE_HZ, le=20_000)]

@@ -34,20 +34,22 @@ from cogrip.protocol.texts import clipped, shown
 HELLO_EVERY_NS = 250_000_000
 GIVE_UP_NS = 3_000_000_000
 HEARTBEAT_EVERY_NS = 250_000_000
-STALE_NS = 100_000_000  # without a new frame: the hand's force goes to zero, the seat is kept
-LOST_NS = 2_000_000_000  # without a datagram: the other end is gone
-QUIET_NS = 500_000_000  # without a datagram: the client tries to resume
-RESUME_GIVE_UP_NS = 10_000_000_000  # without a datagram, and without a handshake: the client gives up
-RESUME_MOST_NS = 30_000_000_000  # without a datagram, while handshakes are made: its rooms are not there yet
+STALE_NS = 100_000_000  # time without a new frame after which the hand's force goes to zero; the seat is kept
+LOST_NS = 2_000_000_000  # time without a datagram after which the other end is gone
+QUIET_NS = 500_000_000  # time without a datagram after which the client tries to resume
+RESUME_GIVE_UP_NS = 10_000_000_000  # time without a datagram and without a handshake after which the client gives up
+RESUME_MOST_NS = 30_000_000_000
+"""Time without a datagram after which the client gives up although handshakes are made: its rooms are not there yet."""
 LEAVE_EVERY_NS = 100_000_000
 LEAVE_GIVE_UP_NS = 600_000_000
 
-SECONDS_OVER = "its --seconds are over"  # of a server with a time limit: no session is cut short
-IN_ORDER = "the server was stopped"  # the farewell of a server that was stopped on purpose begins with this
+SECONDS_OVER = "its --seconds are over"  # end of a server with a time limit: no session is cut short
+IN_ORDER = "the server was stopped"  # beginning of the farewell of a server that was stopped on purpose
 
-MOST_REDIRECTS = 4  # in a row
+MOST_REDIRECTS = 4  # most redirects in a row
 
-FOR_OBSERVERS = (View, messages.Person, messages.Bodies)  # tuples: a union would be made for every datagram
+FOR_OBSERVERS = (View, messages.Person, messages.Bodies)
+"""Messages for observers, as a tuple: a union would be made for every datagram."""
 ANSWERS, NOT_OF_A_SESSION = (Welcome, Refuse), (Hello, Leave, messages.Edges, Redirect)
 FOR_CLIENTS = (messages.Waves, messages.State, messages.Power, messages.SetHand, *FOR_OBSERVERS)
 

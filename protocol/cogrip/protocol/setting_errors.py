@@ -11,7 +11,7 @@ UNITS = {
     "hz": "Hz", "kg": "kg", "s": "s", "m": "m", "n": "N", "j": "J", "w": "W",
     "seconds": "s", "minutes": "min",
 }  # fmt: skip
-"""End of a name -> its unit; the first that fits counts."""
+"""Unit of a setting, by the end of its name; the first that fits counts."""
 
 _KINDS = {
     "float": "a number", "int": "a whole number", "bool": "true or false", "str": "a text", "array": "a list",

@@ -14,7 +14,7 @@ Concealed = Literal["zero", "repaid", "tank", "elastic"]
 Auto = Literal["auto"]
 Orientation = Literal["", "driven", "free", "damped", "fixed"]
 
-# lower bounds above 0: a settings file or a welcome with 1e-320 in it would bring infinities into every law
+# Lower bounds are above 0: a settings file or a welcome with 1e-320 in it would bring infinities into every law.
 Impedance = Annotated[float, msgspec.Meta(ge=1e-3, le=1e4)]
 FilterHz = Annotated[float, msgspec.Meta(ge=0.0, le=1e3)]
 RotationalImpedance = Annotated[float, msgspec.Meta(ge=1e-6, le=1e2)]
@@ -31,6 +31,6 @@ Seed = Annotated[int, msgspec.Meta(ge=0, le=2**53)]
 Seconds = Annotated[float, msgspec.Meta(gt=0.0, le=1e6)]
 SeatNumber = Annotated[int, msgspec.Meta(ge=0, le=255)]
 PLACES, POSE_AXES = 3, 6  # axes of a place, and of a pose: a place [m] and a rotation vector [rad]
-GRIP_AXES = PLACES + 1  # of a place and the opening of a gripper with force [m]
+GRIP_AXES = PLACES + 1  # axes of a place and the opening of a gripper with force [m]
 PINCH = "pinch"  # tool of a hand with a gripper; "pinch:BODY" is a body of the scene
-MOST_WAVES = 78  # of one datagram, all axes
+MOST_WAVES = 78  # most waves of one datagram, over all axes

@@ -35,8 +35,8 @@ from cogrip.protocol.settings_table import SettingsError, copied, override, read
 from cogrip.protocol.task import Task
 from cogrip.protocol.tool_frame import ToolFrame
 
-HUMAN_POWER_W = 10.0  # of a hand on a hand-sized device, on average (docs/security.md)
-REMOTE_FORCE_N = 40.0  # as strong as the arms on the market
+HUMAN_POWER_W = 10.0  # mean power of a hand on a hand-sized device (docs/security.md)
+REMOTE_FORCE_N = 40.0  # peak force that a record may claim: as strong as the arms on the market
 REMOTE_SPEED_MPS = 4.0
 REMOTE_TORQUE_NM = 3.0
 REMOTE_SPEED_RADPS = 40.0
@@ -45,7 +45,7 @@ REMOTE: Mapping[str, float] = {
 }  # fmt: skip
 """Bounds of device records, by field of `Admission`, where it sets none."""
 MOST_PEOPLE = 256
-ONLY_USER = "anna"  # where a file names no users
+ONLY_USER = "anna"  # name of the person where a file names no users
 
 
 class RatesSection(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
@@ -67,11 +67,12 @@ class Object(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
 class ObjectSection(Object, frozen=True, forbid_unknown_fields=True):
     """[object]: of a scene also its files, start and steps a frame, which are the server's own: no welcome carries them."""
 
-    kind: LocalKindText = "cube"  # with the folder of a file, made absolute where settings are loaded
-    file: str = ""  # MJCF or URDF; made absolute where settings are loaded
-    folder: str = ""  # outside of which no file of a scene is read, absolute as that; "" the folder of `file`
-    keyframe: str = ""  # of a scene, in which it begins; "" as its bodies stand
-    ctrl: tuple[float, ...] = ()  # constant, of each actuator of a scene; () as the keyframe has it, else 0
+    # kind of the object; with the folder of a file, made absolute where settings are loaded
+    kind: LocalKindText = "cube"
+    file: str = ""  # path of an MJCF or URDF file; made absolute where settings are loaded
+    folder: str = ""  # folder outside of which no file of a scene is read, absolute as `file`; "" the folder of `file`
+    keyframe: str = ""  # keyframe in which a scene begins; "" as its bodies stand
+    ctrl: tuple[float, ...] = ()  # constant control of each actuator of a scene; () as the keyframe has it, else 0
     substeps: Annotated[int, msgspec.Meta(ge=1, le=64)] = 4
 
     def shared(self, axes: int) -> Object:
@@ -86,17 +87,18 @@ class Playout(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     late: Annotated[float, msgspec.Meta(ge=0.0, le=0.2)] = 0.01  # rate of late frames that "auto" aims at
     redundancy: Annotated[int, msgspec.Meta(ge=1, le=32)] = 8
     tank_mj: Annotated[float, msgspec.Meta(ge=0.0, le=1e3)] = 80.0
-    concealment: types.Concealed = "elastic"  # of frames that are missing
+    concealment: types.Concealed = "elastic"  # strategy for frames that are missing
 
 
 class Admission(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     """Admission control and limits of seats. The server's own: no welcome carries it."""
 
-    observers: Annotated[int, msgspec.Meta(ge=0, le=64)] = 8  # at once, in this room
-    seats_per_token: Annotated[int, msgspec.Meta(ge=1, le=65536)] = 8  # that one token holds at once, in all rooms
+    observers: Annotated[int, msgspec.Meta(ge=0, le=64)] = 8  # most observers of this room at once
+    # most seats that one token holds at once, in all rooms
+    seats_per_token: Annotated[int, msgspec.Meta(ge=1, le=65536)] = 8
     devices: Literal["any", "listed"] = "any"  # listed: a seat takes the device named for it in [[users]] alone
-    # of device records: those that claim more are refused, those without a bound get this one. None: any; encrypted, the
-    # bounds of `for_remote_clients`
+    # Bounds of device records: a record that claims more is refused, one without a bound gets this one. None: any; in an
+    # encrypted room the bounds of `for_remote_clients`.
     force_n: types.RecordBound | None = None
     speed_mps: types.RecordBound | None = None
     torque_nm: types.RecordBound | None = None
@@ -122,9 +124,9 @@ class User(HandSection, frozen=True, forbid_unknown_fields=True):
     encoder: types.Encoder | None = None
     compensate: bool | None = None
     device_hz: DeviceHz | None = None
-    power_w: types.Watts | None = None  # None: [admission]'s
+    power_w: types.Watts | None = None  # mean power of this person's seat; None: [admission]'s
     tool: str = ""  # body of a scene that this person moves; "" one is added; PINCH: with a gripper
-    # of that tool: "driven" by the hand; "" driven where the room has six axes, else as the body's joints have it
+    # orientation of that tool: "driven" by the hand; "" driven where the room has six axes, else as the body's joints have it
     orientation: types.Orientation = ""
     rotational_impedance_nms: types.RotationalImpedance | None = None
     grip_impedance_nspm: types.Impedance | None = None
@@ -150,7 +152,8 @@ class Settings(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     admission: Admission = Admission()
     users: Annotated[tuple[User, ...], msgspec.Meta(min_length=1, max_length=MOST_PEOPLE)] = (User(name=ONLY_USER),)
     effects: Annotated[tuple[EffectSection, ...], msgspec.Meta(max_length=MOST_EFFECTS)] = ()
-    effect_tank_mj: EffectTank = TANK_MJ  # of each person: what vibration and texture may draw, fixtures cost
+    # energy of each person that vibration and texture may draw, and that fixtures cost
+    effect_tank_mj: EffectTank = TANK_MJ
 
 
 class SeatSettings(msgspec.Struct, frozen=True, array_like=True):
@@ -163,15 +166,15 @@ class SeatSettings(msgspec.Struct, frozen=True, array_like=True):
     seconds: Seconds
     rates: Rates
     coupling: Coupling
-    rendered_npm: types.Rendered  # K of the spring the server integrates: [coupling]'s, or the compensated K'
+    rendered_npm: types.Rendered  # K of the spring that the server integrates: [coupling]'s, or the compensated K'
     object: Object
     side: Side
     playout: Playout
     up: LinkProfile
     down: LinkProfile
     line: LineTuning = LineTuning()
-    people: Annotated[int, msgspec.Meta(ge=1, le=MOST_PEOPLE)] = 1  # seats of the room
-    tool: ToolFrame | None = None  # None: as the hand moves
+    people: Annotated[int, msgspec.Meta(ge=1, le=MOST_PEOPLE)] = 1  # number of seats of the room
+    tool: ToolFrame | None = None  # frame of the tool; None: it moves as the hand does
     workspace_limit: WorkspaceLimit = NO_LIMIT
     gravity_compensation: bool = False
 

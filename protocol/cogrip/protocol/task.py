@@ -7,7 +7,7 @@ import msgspec
 Goal = Annotated[float, msgspec.Meta(ge=0.0, le=1e4)]
 Place = Annotated[float, msgspec.Meta(ge=-1e3, le=1e3)]
 EVERYBODY = "everybody holds on"
-"""Marker with which a task that is begun together begins: simulated hands wait for it."""
+"""Marker with which a task that people begin together begins: simulated hands wait for it."""
 
 
 class Task(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
@@ -18,16 +18,18 @@ class Task(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     dwell_s = 0: at the first moment at which all are met, also where that is the start.
     """
 
-    body: str = ""  # "" the object
-    lifted_m: Goal | None = None  # at least, above where it starts, at some time
-    turned_rad: Goal | None = None  # at least, about `axis` of the world, either way
+    body: str = ""  # body that the task is about; "" the object
+    lifted_m: Goal | None = None  # least height above where it starts, at some time
+    turned_rad: Goal | None = None  # least angle of turning about `axis` of the world, either way
     axis: Literal["x", "y", "z"] = "z"
-    place_m: tuple[Place, Place, Place] = (0.0, 0.0, 0.0)  # from where it starts
-    within_m: Goal | None = None  # of that place
-    tilt_rad: Goal | None = None  # at most, of its upright, at all times before
-    by_s: Annotated[float, msgspec.Meta(gt=0.0, le=1e6)] | None = None  # after it began; None: until the end
-    dwell_s: Annotated[float, msgspec.Meta(ge=0.0, le=1e4)] = 0.5  # for which all is met before it is reached
-    together: bool = False  # it begins when every seat is held; else when somebody takes hold
+    place_m: tuple[Place, Place, Place] = (0.0, 0.0, 0.0)  # place to reach, from where it starts
+    within_m: Goal | None = None  # largest distance from `place_m`
+    tilt_rad: Goal | None = None  # largest tilt of its upright axis, at all times before
+    # time limit, from the beginning of the task; None: until the end
+    by_s: Annotated[float, msgspec.Meta(gt=0.0, le=1e6)] | None = None
+    # time for which all is met before the task is reached
+    dwell_s: Annotated[float, msgspec.Meta(ge=0.0, le=1e4)] = 0.5
+    together: bool = False  # the task begins when every seat is held; else when somebody takes hold
 
     @property
     def stated(self) -> bool:

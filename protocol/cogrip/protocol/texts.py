@@ -3,9 +3,9 @@
 from collections.abc import Sequence
 from typing import Any
 
-TEXT_BYTES = 300  # senders cut a text to this
-MARK_BYTES = 80  # and a marker's
-MOST_NAMED = 20  # names in a line
+TEXT_BYTES = 300  # longest text: senders cut it to this
+MARK_BYTES = 80  # longest text of a marker: senders cut it to this
+MOST_NAMED = 20  # most names in a line
 
 
 def clipped(text: str, most: int = TEXT_BYTES) -> str:

@@ -26,7 +26,7 @@ Part = Annotated[float, msgspec.Meta(ge=-1.0, le=1.0)]
 Button = Annotated[int, msgspec.Meta(ge=0, le=32)]
 Angle = Annotated[float, msgspec.Meta(ge=-2.0 * pi, le=2.0 * pi)]
 RotationText = Annotated[str, msgspec.Meta(max_length=16)]
-# a tuple of fixed length beside a text crashes msgspec 0.22 in its garbage collection
+# A tuple of fixed length beside a text crashes msgspec 0.22 in its garbage collection.
 Rotation = Annotated[tuple[Angle, ...], msgspec.Meta(min_length=PLACES, max_length=PLACES)] | RotationText
 
 

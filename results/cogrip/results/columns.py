@@ -25,14 +25,15 @@ from cogrip.protocol.settings import seat_axes
 from cogrip.server.recorder import address_of, start_of
 
 Array = NDArray[Any]
-AXES = ("x", "y", "z", "rx", "ry", "rz")  # the last three: a rotation vector
-GRIP = "opening"  # of a gripper: the axis behind the places, where there are four
-_TURNING = {"m": "rad", "m/s": "rad/s", "N": "N m"}  # units of the axes that turn
+AXES = ("x", "y", "z", "rx", "ry", "rz")  # names of the axes; the last three are a rotation vector
+GRIP = "opening"  # name of the axis of a gripper's opening, which stands behind the places where there are four axes
+_TURNING = {"m": "rad", "m/s": "rad/s", "N": "N m"}  # units of the axes that turn, by those of the axes that do not
 _QUATERNION = ("qw", "qx", "qy", "qz")
 _POSE = (*AXES[:PLACES], *_QUATERNION)
 NUMBER = "float64"
-_TYPES: dict[Any, str] = {int: "int64", bool: "int64", str: "string"}  # all else is a number that may be missing
-_PREFIXES = {"device": "device_port_"}  # else two columns would be called device_leak_j
+_TYPES: dict[Any, str] = {int: "int64", bool: "int64", str: "string"}
+"""Types of columns by the type of the field; any other is a number that may be missing."""
+_PREFIXES = {"device": "device_port_"}  # prefixes by field, without which two columns would be called device_leak_j
 _UNEVEN = "not all messages have as many axes or seats as the first"
 
 
@@ -66,7 +67,7 @@ def _array(kind: str, values: Sequence[Any]) -> Array:
 
 
 Times = Sequence[float]
-Rows = tuple[Times, Sequence[Any]]  # time of each row, and what its fields are read from
+Rows = tuple[Times, Sequence[Any]]  # time of each row, and the record that its fields are read from
 
 
 class Layout(NamedTuple):

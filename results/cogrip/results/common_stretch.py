@@ -16,7 +16,8 @@ from cogrip.protocol.setting_types import PLACES
 from cogrip.results.summary_values import Summary, dig, is_number
 from cogrip.results.traces import Columns, Run, Trace
 
-SAME_LENGTH = 0.01  # Lengths that differ by a smaller share move a total by no more than that.
+SAME_LENGTH = 0.01
+"""Relative difference of two lengths below which they are the same: it moves a total by no more than that."""
 
 
 def common_stretch_s(runs: Sequence[Run]) -> float | None:

@@ -8,7 +8,7 @@ from cogrip.results.common_stretch import common_stretch_s, length_s, summary_of
 from cogrip.results.summary_values import UNKNOWN, Summary, dig, energy, is_number, name_of, number, people
 from cogrip.results.traces import Run
 
-MOST_RUNS = 12  # more colours are not told apart
+MOST_RUNS = 12  # most runs that are compared: more colours are not told apart
 NOT_SET = "not set"
 
 

@@ -23,8 +23,8 @@ from cogrip.results.records import End, RunRecords, decoder
 from cogrip.server.recorder import step_topic
 
 Format = Literal["csv", "parquet"]
-PARTIAL = "partial"  # stands in the names of tables of a run that still goes on
-ROWS_HELD = 16_384  # in memory, of one Parquet table
+PARTIAL = "partial"  # part of the names of tables of a run that still goes on
+ROWS_HELD = 16_384  # most rows of one Parquet table that are held in memory
 
 
 class ExportError(Exception):

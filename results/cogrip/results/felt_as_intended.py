@@ -12,7 +12,7 @@ MOST_CONTROLLED = 0.05
 MOST_REPLACED = 0.05
 """Largest fraction of a direction's frames that were concealed. Telehaptics bears losses of 10 % (docs/decisions/0010)."""
 MOST_REPLACED_AT_REST = 0.001
-"""The same less the longest gap, for the prediction of a line whose credit did not pay for all of them."""
+"""Largest such fraction less the longest gap, for the prediction of a line whose credit did not pay for all of them."""
 MOST_LENT = 0.4
 """Fraction of the credit that a line has lent at most where the credit paid: compensation spends no more than half of it."""
 MOST_MOVED = 0.01
@@ -29,7 +29,7 @@ SOFTER, SOFTER_BRIEF = "Softer than asked for", "softer than asked"
 LEAST_FELT_N = 0.05
 """Peak force below which a hand has felt nothing: about the smallest that a finger notices."""
 LEAST_FELT_NM = 0.02 * LEAST_FELT_N
-"""The same of a torque: that force at a handle's radius."""
+"""Peak torque below which a hand has felt nothing: that force at a handle's radius."""
 
 _LEAST_FELT = (("peak_force_n", LEAST_FELT_N), ("peak_torque_nm", LEAST_FELT_NM), ("peak_grip_n", LEAST_FELT_N))
 
@@ -222,7 +222,7 @@ def _share(row: Row, direction: str, key: str) -> float:
     return float(min(1.0, count / due))
 
 
-# (share of a person, its bound, the reason that it gives where it is more)
+# Share of a person, its bound, and the reason that it gives where it is more.
 _SHARES: tuple[tuple[Callable[[Row], float | None], float, str], ...] = (
     (lambda row: _value(row, "at_limit"), MOST_LIMITED, "a limit of {name}'s device held the force in {share} of the ticks"),
     (lambda row: _value(row, "controlled"), MOST_CONTROLLED, "{name}'s device port changed what is felt in {share} of ticks"),

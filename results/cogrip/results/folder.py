@@ -14,12 +14,12 @@ from cogrip.protocol.accounts import ClientAccount
 from cogrip.protocol.settings import Settings
 from cogrip.protocol.texts import shown
 
-_MOST_LOG, _MOST_TOLD = 1_000_000, 20  # characters and lines of a log that are read: anybody may have written it
+_MOST_LOG, _MOST_TOLD = 1_000_000, 20  # most characters and lines of a log that are read: anybody may have written it
 SUMMARY = "summary.json"
 SETTINGS = "settings.json"
 SERVER_RECORDING = "server.mcap"
 WARNINGS = "warnings.log"
-CLOCKS = "clocks.json"  # of a run that was merged from several machines
+CLOCKS = "clocks.json"  # file of a run that was merged from several machines
 
 
 def client_recording(name: str) -> str:

@@ -14,7 +14,7 @@ from cogrip.results.summary_values import Summary, is_number, people
 
 Kind = Literal["session", "lab", "replay", "what-if", "comparison"]
 
-_MANIFESTS = ("comparison.json", "sweep.json")  # of `cogrip compare`, `cogrip sweep`
+_MANIFESTS = ("comparison.json", "sweep.json")  # manifests that `cogrip compare` and `cogrip sweep` write
 _CELLS = "cells.jsonl"
 _COMPARED = "comparison.html"
 _REPLAY = "replay:"

@@ -20,7 +20,7 @@ from cogrip.results.summary import of_laboratory
 from cogrip.server.recorder import WHO, RecordedServer
 from cogrip.sim.laboratory import Laboratory, Record, unrecorded
 
-BUFFER_BYTES = 2**20  # of a recording: a laboratory's files need not be on the disk as they grow
+BUFFER_BYTES = 2**20  # buffer of a recording: a laboratory's files need not be on the disk as they grow
 
 
 @dataclass(frozen=True, slots=True)

@@ -30,7 +30,7 @@ from cogrip.results.folder import CLOCKS
 from cogrip.server.recorder import WHO, step_topic
 from cogrip.server.recorder import start_of as server_start
 
-_PART_ROWS = 4096  # at least: an array of a chunk's few dozen rows costs more to make than they do
+_PART_ROWS = 4096  # least rows of a part: an array of a chunk's few dozen rows costs more to make than they do
 
 
 @cache

@@ -36,7 +36,7 @@ class UserRecord(msgspec.Struct, frozen=True):
     earlier: tuple[UserRecord, ...] = ()  # seat sessions of the same user before this one, oldest first
     asked_npm: float | None = None
     local: str | None = None
-    hand: HandChange | None = None  # what held of the hand at the end
+    hand: HandChange | None = None  # settings of the hand that held at the end
 
 
 def summarise(

@@ -8,7 +8,7 @@ from cogrip.protocol.coupling_kinds import COUPLING_KINDS, CouplingKind, lent_mj
 Summary = dict[str, Any]
 UNKNOWN = "not known"
 MARGINS = {"up_margin_j": "line up", "down_margin_j": "line down", "line_margin_j": "whole line"}
-ROUNDING_J = 1e-12  # what margins are allowed for rounding
+ROUNDING_J = 1e-12  # rounding that margins are allowed
 FORCELESS = ("fault", "degraded")  # states of a client's safety that let no force through at the end
 
 

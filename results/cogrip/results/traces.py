@@ -34,7 +34,7 @@ from cogrip.results.records import End, RunRecords, open_run
 from cogrip.server.recorder import scene_topics, step_topic
 
 Array = NDArray[np.float64]
-MOST_PEOPLE = 16  # that a plot shows: more are not told apart
+MOST_PEOPLE = 16  # most people that a plot shows: more are not told apart
 _LIVE = "live"  # state of a client's safety that lets force through
 
 

@@ -19,9 +19,9 @@ from cogrip.results.summary_values import (
 )
 from cogrip.results.verdict import judgements
 
-_BALANCE_J = 1e-9  # what rounding can put the energy balance of one step out by, generously
+_BALANCE_J = 1e-9  # largest energy by which rounding can put out the balance of one step, generously
 _SHOWN_PEOPLE = 6
-MUCH_LATE, MANY_LATE = 0.05, 20  # share, and number, of one direction's frames from which on a depth is too shallow
+MUCH_LATE, MANY_LATE = 0.05, 20  # share and number of one direction's late frames from which on a depth is too shallow
 
 
 def verdict(summary: Summary, credit_j: float | None = None) -> list[tuple[Tone, str]]:

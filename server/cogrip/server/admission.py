@@ -17,7 +17,7 @@ class Grant(msgspec.Struct, frozen=True, tag="grant", omit_defaults=True):
     role: Role
     token: str = ""  # public id of the token, never the token
     room: str = ""
-    user: str = ""  # whose seat
+    user: str = ""  # name of the person whose seat may be taken
     device: str = ""  # beginning of the device address that may be claimed, such as hid:woodenhaptics
 
 

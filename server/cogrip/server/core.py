@@ -27,7 +27,7 @@ from cogrip.server.schemes import FRAMES
 from cogrip.server.seat_assignment import Place, SeatTable
 
 MOST_BYTES = messages.MAX_MESSAGE_BYTES
-FAREWELL_EVERY_NS = 50_000_000  # to a client that has not received it
+FAREWELL_EVERY_NS = 50_000_000  # time between two farewells to a client that has not received one
 
 FROM_CLIENTS = (*FRAMES, Edges, Heartbeat, Leave, Mark, SetHand, Effects)
 

@@ -14,7 +14,8 @@ from cogrip.server.worlds.world_step import Row
 if TYPE_CHECKING:
     from cogrip.server.worlds.world import World
 
-MOST_SPEED_MPS = 10.0  # An object that leaves faster is unstable: no plausible hand brings it about (docs/verdict.md).
+MOST_SPEED_MPS = 10.0
+"""Speed above which an object that leaves is unstable: no plausible hand brings it about (docs/verdict.md)."""
 
 
 class Departure(NamedTuple):

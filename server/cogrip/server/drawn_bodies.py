@@ -10,10 +10,10 @@ from cogrip.server.worlds.world import Array, World
 
 MOVED_M = 1e-4
 MOVED_DEG = 0.1
-BODIES_AT_REST = 8  # poses of a view that are told though they did not change
-SHAPES_A_VIEW = 8  # at most
-VIEWS_A_TURN = 16  # in which all shapes are told, where they are few enough
-_TURNED_COS = math.cos(math.radians(0.5 * MOVED_DEG))  # of half the angle, as in a quaternion
+BODIES_AT_REST = 8  # number of poses of a view that are told though they did not change
+SHAPES_A_VIEW = 8  # most shapes that are told with one view
+VIEWS_A_TURN = 16  # views in which all shapes are told once, where they are few enough
+_TURNED_COS = math.cos(math.radians(0.5 * MOVED_DEG))  # cosine of half the angle MOVED_DEG, as in a quaternion
 _MOST_M = 1e3
 
 

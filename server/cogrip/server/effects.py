@@ -6,10 +6,10 @@ from cogrip.protocol.effects import MOST_EFFECTS, Effect, EffectSection, checked
 from cogrip.protocol.messages import Effects
 from cogrip.protocol.settings import Settings
 
-TOLD_HZ = 64  # messages a second, while the client has not answered
-SLOW_AFTER_S = 2.0  # later `SLOW_HZ`: it may be a client without effects
+TOLD_HZ = 64  # messages a second while the client has not answered
+SLOW_AFTER_S = 2.0  # time without an answer after which messages come at `SLOW_HZ`: the client may not know effects
 SLOW_HZ = 4
-KEPT_S = 2.0  # for which one that ends by itself is told beyond its end: it may have come late
+KEPT_S = 2.0  # time for which an effect that ends by itself is told beyond its end: it may have come late
 
 
 class RoomEffects:

@@ -11,8 +11,8 @@ class ServerEvent(msgspec.Struct, frozen=True, omit_defaults=True):
     room: str = ""
     user: str = ""
     address: str = ""
-    code: str = ""  # of a refusal
-    token: str = ""  # public id
+    code: str = ""  # code of a refusal
+    token: str = ""  # public id of the token
 
 
 UNAUTHENTICATED_EVENTS = (

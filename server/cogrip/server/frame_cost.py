@@ -16,9 +16,9 @@ from cogrip.protocol.settings import SeatSettings, Settings
 from cogrip.server.room import Room
 from cogrip.server.seat_limits import Record
 
-SPENT_NS = 250_000_000  # at most, with the last frame on top
+SPENT_NS = 250_000_000  # time that the measurement takes at most, with the last frame on top
 PAUSE_NS = NS_PER_S // 128
-WARM = 4  # first frames, of which everything is new
+WARM = 4  # number of first frames that are not counted, as everything in them is new
 
 
 class FrameCost(NamedTuple):

@@ -5,9 +5,9 @@ from collections.abc import Sequence
 from cogrip.protocol.drawing import Shape
 from cogrip.protocol.messages import Geom
 
-TOLD_S = 0.5  # in which all have been told once
+TOLD_S = 0.5  # time in which all shapes have been told once
 MOST_A_FRAME = 2
-AGAIN_HZ = 16  # messages a second, later
+AGAIN_HZ = 16  # messages a second once all shapes have been told
 
 
 class GeometrySender:

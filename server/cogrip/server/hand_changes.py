@@ -10,7 +10,7 @@ from cogrip.protocol.tool_frame import ToolFrame
 from cogrip.server.markers import A_SECOND, BURST
 
 TOLD_HZ = 16
-MOST_UNTOLD = 8  # on their way at once
+MOST_UNTOLD = 8  # most changes that are on their way at once
 
 
 class HandChanges:

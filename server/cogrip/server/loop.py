@@ -36,13 +36,15 @@ from cogrip.server.recorder import WHO, RecordedServer
 from cogrip.server.room import Room
 from cogrip.server.worlds.guarded import GuardedWorld
 
-FLOOR_BYTES = 500_000_000  # of a disk: a server's key, tokens and checkpoints are to have room
-RESTARTS_TOLD, TOLD_EVERY_S = 3, 0.01  # a datagram may be lost
-HANDS_OVER_AT = "SIGTERM"  # what a service manager sends at a restart
-LINGER_NS = 300_000_000  # after the goodbye, for the clients' accounts
-REPORTED = Budget(1, 40)  # of each of UNAUTHENTICATED_EVENTS
-OVERSLEEP_FRAMES = 8  # of whose wake-ups the delay is the mean
-EARLY_PART = 4  # of a frame, for which at most the loop wakes ahead of a step to take in what has come
+FLOOR_BYTES = 500_000_000
+"""Free bytes of a disk that recordings leave: a server's key, tokens and checkpoints are to have room."""
+RESTARTS_TOLD, TOLD_EVERY_S = 3, 0.01
+"""Number of times that a restart is told, and time between them: a datagram may be lost."""
+HANDS_OVER_AT = "SIGTERM"  # signal that a service manager sends at a restart
+LINGER_NS = 300_000_000  # time to wait after the goodbye, for the clients' accounts
+REPORTED = Budget(1, 40)  # budget of each of UNAUTHENTICATED_EVENTS
+OVERSLEEP_FRAMES = 8  # number of frames over whose wake-ups the delay is averaged
+EARLY_PART = 4  # divisor of a frame: the loop wakes at most this part of it ahead of a step to take in what has come
 
 
 Chore = Callable[[int], None]
@@ -72,7 +74,7 @@ class LiveServer:
     authenticator: Authenticator = field(default_factory=AdmitAll)
     chores: list[Chore] = field(default_factory=list)
     events: deque[ServerEvent] = field(default_factory=deque)
-    marked: Callable[[str], None] | None = None  # called with the words of each marker
+    marked: Callable[[str], None] | None = None  # function that is called with the words of each marker
     core: RecordedServer = field(init=False)
     channel: ServerChannel = field(init=False)
     pacers: dict[str, Pacer] = field(init=False, default_factory=dict)
@@ -86,7 +88,7 @@ class LiveServer:
     _event_budget: Buckets = field(init=False, default_factory=lambda: Buckets(len(UNAUTHENTICATED_EVENTS), REPORTED))
     _withheld: Counter[str] = field(init=False, default_factory=Counter)
     _awake: list[PacedRoom] = field(init=False, default_factory=list)
-    _asleep: dict[Room, PacedRoom] = field(init=False, default_factory=dict)  # those that are deserted
+    _asleep: dict[Room, PacedRoom] = field(init=False, default_factory=dict)  # rooms that are deserted
 
     def listen(self, ports: PortRange | None = None) -> tuple[str, int]:
         """Bind, and return (host, port). ports: to take one of, in place of `port`. Raises ServeError."""

@@ -10,12 +10,12 @@ from cogrip.protocol.setting_types import SeatNumber
 from cogrip.protocol.task import EVERYBODY
 from cogrip.protocol.texts import clipped_mark
 
-TOLD_S = 2.0  # for which each is repeated: of datagrams lost in bursts one comes through
+TOLD_S = 2.0  # time for which each marker is repeated: of datagrams lost in bursts one comes through
 TOLD_HZ = 16
-MOST_TOLD = 64  # at once
-A_SECOND = 10  # of one seat, on average
+MOST_TOLD = 64  # most markers that are told at once
+A_SECOND = 10  # number of markers of one seat a second, on average
 BURST = 20
-MOST_TAKEN = 64  # of one seat that are known when they are repeated: a client has fewer on their way
+MOST_TAKEN = 64  # most markers of one seat that are known when they are repeated: a client has fewer on their way
 
 
 class Markers:

@@ -20,8 +20,8 @@ MOST_STATE, MOST_M, MOST_N, MOST_MS, MOST_J = (
     1e6,
     1e15,
 )  # bounds of the fields of a view (`SPEC.md` section 3)
-VIEWS_HZ = 64  # at most; a screen shows no more
-PEOPLE_A_VIEW = 4  # people of whom a view is followed; more take turns
+VIEWS_HZ = 64  # most views a second; a screen shows no more
+PEOPLE_A_VIEW = 4  # number of people whose messages follow a view; more take turns
 
 
 class ObserverSlots:

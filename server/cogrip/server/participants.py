@@ -20,7 +20,7 @@ from cogrip.server.rate_limit import HELLOS, Buckets
 from cogrip.server.seat_limits import Record, SeatLimits
 from cogrip.server.stiffness_adaptation import StiffnessAdapter
 
-MOST_EARLIER = 8  # seat sessions before the last one that a seat keeps the accounts of
+MOST_EARLIER = 8  # most seat sessions before the last one of which a seat keeps the accounts
 
 
 class Participant:

@@ -25,18 +25,21 @@ class Budget(NamedTuple):
 class Limits(NamedTuple):
     """Budgets of one server."""
 
-    address: Budget = Budget(20, 250)  # of one address, first contacts and handshakes each: many may sit behind one
-    contacts: Budget = Budget(300, 600)  # first contacts of all addresses of one class
-    handshakes: Budget = Budget(100, 50)  # of all addresses of one class, 0.4 ms each
-    peer: Budget = Budget(512, 512)  # datagrams and messages of one peer that is known: four times what 128 Hz needs
+    # budget of one address for first contacts, and one for handshakes: many may sit behind one
+    address: Budget = Budget(20, 250)
+    contacts: Budget = Budget(300, 600)  # budget for first contacts of all addresses of one class
+    handshakes: Budget = Budget(100, 50)  # budget for handshakes of all addresses of one class, 0.4 ms each
+    # budget for datagrams and messages of one peer that is known: four times what 128 Hz needs
+    peer: Budget = Budget(512, 512)
 
 
 LIMITS = Limits()
-HELLOS = Budget(4, 8)  # of one participant: a client says hello four times a second
-ADDRESS_SLOTS = 65536  # one that shares a slot with an attacker's is shut out with it: one in 260 beside 250 of them
+HELLOS = Budget(4, 8)  # budget for hellos of one participant: a client says hello four times a second
+ADDRESS_SLOTS = 65536
+"""Number of slots: an address that shares one with an attacker's is shut out with it, one in 260 beside 250 of them."""
 PEER_SLOTS = 4096
-SEATED_NS = 3_600_000_000_000  # somebody at this address had a seat so lately
-NEW_NS = 30_000_000_000  # an address that was let through once is new no more for so long
+SEATED_NS = 3_600_000_000_000  # time for which an address is SEATED after somebody there had a seat
+NEW_NS = 30_000_000_000  # time for which an address that was let through is not NEW
 NEVER_NS = -SEATED_NS
 REPEATED, NEW, SEATED = range(3)  # classes of addresses; each has budgets of its own
 

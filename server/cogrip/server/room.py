@@ -36,7 +36,7 @@ from cogrip.server.seat_state import account_of, place_again, put_back
 from cogrip.server.stiffness_adaptation import StiffnessAdapter
 from cogrip.server.worlds.world import WorldError
 
-RESERVED_NS = 5_000_000_000  # a restored seat is reserved so long for its ticket's holder
+RESERVED_NS = 5_000_000_000  # time for which a restored seat is reserved for its ticket's holder
 
 
 class Room:

@@ -13,7 +13,7 @@ if TYPE_CHECKING:  # the command that asks needs no room, and none of numpy
     from cogrip.server.participants import Participant
     from cogrip.server.room import Room
 
-MOST_LISTED = 100  # entries in an answer
+MOST_LISTED = 100  # most entries in an answer
 
 Number = float | None
 
@@ -25,13 +25,13 @@ class RosterEntry(msgspec.Struct, frozen=True, omit_defaults=True):
     room: str
     address: str
     since_s: float  # age of the session
-    seat: int | None = None  # None: an observer
+    seat: int | None = None  # number of the seat; None: an observer
     device: str = ""
     rtt_ms: Number = None
     up_ms: Number = None
     down_ms: Number = None
     lost: int | None = None  # frames from this person that never came
-    holds: bool = False  # the object
+    holds: bool = False  # the person holds the object
     hand: str = ""  # settings of the hand that differ from those of a hand that moves its tool as itself
 
 

@@ -55,7 +55,7 @@ SCHEMES: dict[Kind, Scheme] = {
     "coupling": Scheme(State, StatePort, CoupledWorld),
     "tdpa": Scheme(Power, PowerPort, PowerWorld),
 }
-"""By `coupling.kind` of the settings, the same for all seats of a room."""
+"""Scheme by `coupling.kind` of the settings, the same for all seats of a room."""
 
 FRAMES = tuple(scheme.frame for scheme in SCHEMES.values())
 

@@ -23,11 +23,11 @@ from cogrip.protocol.settings import REMOTE, Settings
 from cogrip.protocol.tool_frame import ToolFrame
 from cogrip.protocol.waves import wave_of
 
-BURST_S = 0.25  # of the power a seat may bring in at once
+BURST_S = 0.25  # time whose power a seat may bring in at once
 
-LARGEST = float_info.max  # a bound above it is none: inf, which compiled code compares as an object
-MOST_S = 2.0  # between two states, in which a hand may have moved
-FASTER = 1.01  # by which a sender's clock may be faster than ours
+LARGEST = float_info.max  # largest finite bound; inf stands for none, which compiled code compares as an object
+MOST_S = 2.0  # longest time between two states in which a hand may have moved
+FASTER = 1.01  # factor by which a sender's clock may be faster than ours
 Row = tuple[float, ...]
 
 

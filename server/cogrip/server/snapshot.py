@@ -13,11 +13,12 @@ from cogrip.protocol.accounts import LinkCount
 if TYPE_CHECKING:  # the reader needs no room, and none of numpy
     from cogrip.server.room import Room
 
-FRESH_NS = 2_000_000_000  # an older snapshot, or a room without a tick for so long, is unhealthy
-REFRESHED_ROOMS = 4  # percentiles cost 50 us a room: of more rooms, each has new ones every few snapshots
-LENGTH_BYTES = 4  # big-endian, before each snapshot in a pipe
+FRESH_NS = 2_000_000_000  # age from which on a snapshot, or a room without a tick, is unhealthy
+REFRESHED_ROOMS = 4
+"""Most rooms of a snapshot with new percentiles, which cost 50 us a room: with more rooms they take turns."""
+LENGTH_BYTES = 4  # bytes of the length, big-endian, before each snapshot in a pipe
 
-Number = float | None  # not finite, or not known: None
+Number = float | None  # a number; None: not finite, or not known
 
 
 class Times(msgspec.Struct, frozen=True, gc=False, omit_defaults=True):
@@ -38,12 +39,12 @@ class SeatSnapshot(msgspec.Struct, frozen=True, gc=False, omit_defaults=True):
     rtt_s: Number = None
     up_margin_j: Number = None
     line_margin_j: Number = None
-    limited: dict[str, int] = {}  # by reason
-    up_delay_s: Number = None  # one way, the newest, as far as the clocks' offset is known
+    limited: dict[str, int] = {}  # number of limitations, by reason
+    up_delay_s: Number = None  # newest one-way delay, as far as the clocks' offset is known
     down_delay_s: Number = None
-    clock_offset_s: Number = None  # the person's clock beyond the server's
+    clock_offset_s: Number = None  # what the person's clock shows beyond the server's
     rendered_npm: Number = None
-    up_reserve_j: Number = None  # now
+    up_reserve_j: Number = None  # energy reserve of the uplink, now
     line_reserve_j: Number = None
 
 
@@ -60,10 +61,10 @@ class RoomSnapshot(msgspec.Struct, frozen=True, gc=False, omit_defaults=True):
     late: Times = Times()
     work: Times = Times()
     observers: int = 0
-    least_up_margin_j: Number = None  # of all seat sessions since the start
+    least_up_margin_j: Number = None  # least margin of all seat sessions since the start
     least_line_margin_j: Number = None
-    unstable: str = ""  # why, where it was
-    left: tuple[str, ...] = ()  # what left the workspace, while the object is outside
+    unstable: str = ""  # reason why the room is unstable, where it is
+    left: tuple[str, ...] = ()  # names of what left the workspace, while the object is outside
 
     @property
     def ticks_due(self) -> int:
@@ -77,11 +78,11 @@ class Snapshot(msgspec.Struct, frozen=True, gc=False, omit_defaults=True):
     software: str
     uptime_s: float
     rooms: tuple[RoomSnapshot, ...]
-    dropped: dict[str, int] = {}  # datagrams, by reason
-    received: int | None = None  # datagrams at the socket, where they are counted
+    dropped: dict[str, int] = {}  # number of dropped datagrams, by reason
+    received: int | None = None  # number of datagrams at the socket, where they are counted
     sent: int | None = None
-    failed: dict[str, int] = {}  # what was not written, or not taken, by name
-    degraded: dict[str, str] = {}  # what cannot be written now, and why: the server goes on without
+    failed: dict[str, int] = {}  # number of things that were not written, or not taken, by name
+    degraded: dict[str, str] = {}  # what cannot be written now, and why: the server goes on without it
 
 
 encode = msgspec.json.Encoder().encode

@@ -14,8 +14,8 @@ from cogrip.protocol.settings import SeatSettings
 FOLLOW_S = 1.0
 READINGS_HZ = 4
 REPORTS, REPORT_EVERY_S = 4, 60
-AGREED_FRAMES = 0.25  # by which two readings of the loop differ at most
-ALIKE = 1e-6  # a goal that differs by less from the aim is the aim
+AGREED_FRAMES = 0.25  # largest difference of two readings of the loop that agree
+ALIKE = 1e-6  # least relative change of the goal that counts
 
 
 class StiffnessAdapter:

@@ -18,9 +18,9 @@ from cogrip.protocol.messages import DEVICE_BYTES, Role
 from cogrip.server.admission import Denied, Grant
 
 VERSION: Literal[1] = 1
-MOST_TOKENS = 400  # of a room, and of those for any room. The oldest void ones of it are dropped first
+MOST_TOKENS = 400  # most tokens of a room, and most of those for any room. The oldest void ones are dropped first
 MOST_IN_BOOK = 2000
-READ_AT_ONCE = 64  # tokens that are decoded at once where a tick may be due: some 13 us each
+READ_AT_ONCE = 64  # number of tokens that are decoded at once where a tick may be due: some 13 us each
 START_NOTE = "printed at start"
 _NAME_OR_ANY = r"^([A-Za-z0-9][A-Za-z0-9 ._-]*)?\Z"
 
@@ -28,9 +28,11 @@ Id = Annotated[str, msgspec.Meta(pattern=r"^[0-9a-f]{8}\Z")]
 Hash = Annotated[str, msgspec.Meta(pattern=r"^[0-9a-f]{64}\Z")]
 NameOrAny = Annotated[str, msgspec.Meta(max_length=40, pattern=_NAME_OR_ANY)]
 DeviceOrAny = Annotated[str, msgspec.Meta(max_length=DEVICE_BYTES, pattern=r"^[ -~]*\Z")]
-Note = Annotated[str, msgspec.Meta(max_length=200, pattern=r"^[^\x00-\x1f\x7f-\x9f]*\Z")]  # it is printed on terminals
-UnixSeconds = Annotated[int, msgspec.Meta(ge=0, le=253_402_300_799)]  # to the end of the year 9999
-ClockSeconds = Annotated[int, msgspec.Meta(ge=-62_135_596_800, le=253_402_300_799)]  # of a clock that may be wrong
+Note = Annotated[str, msgspec.Meta(max_length=200, pattern=r"^[^\x00-\x1f\x7f-\x9f]*\Z")]
+"""Note on a token, without control characters: it is printed on terminals."""
+UnixSeconds = Annotated[int, msgspec.Meta(ge=0, le=253_402_300_799)]  # seconds since 1970, to the end of the year 9999
+ClockSeconds = Annotated[int, msgspec.Meta(ge=-62_135_596_800, le=253_402_300_799)]
+"""Seconds since 1970 of a clock that may be wrong."""
 TokenState = Literal["good", "used", "expired", "revoked"]
 
 
@@ -45,17 +47,17 @@ class UnknownTokenError(TokenError):
 class Token(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
     """One token as it is kept. No field has a default: one that is missing in a file must not widen what it allows."""
 
-    id: Id  # public: the beginning of the hash
+    id: Id  # public id: the beginning of the hash
     hash: Hash  # SHA-256 of the token
-    role: Role  # player lets one observe too
-    room: NameOrAny  # "" any
-    user: NameOrAny  # which seat; "" any
+    role: Role  # role of the holder; a player's lets one observe too
+    room: NameOrAny  # name of the room; "" any
+    user: NameOrAny  # name of the person whose seat may be taken; "" any
     device: DeviceOrAny  # beginning of the device address that may be claimed; "" any
     once: bool
     start: bool  # derived from the server's key, and printed when it starts
     expires: UnixSeconds | None
     created: ClockSeconds
-    used: ClockSeconds | None  # of a one-time token
+    used: ClockSeconds | None  # time at which a one-time token was used
     revoked: ClockSeconds | None
     note: Note
 

@@ -8,7 +8,8 @@ from cogrip.protocol.messages import HELLO_BYTES, MAGIC
 from cogrip.server.events import ServerEvent
 from cogrip.server.rate_limit import RateLimiter
 
-HELLO_BEGINS = b"\x01" + bytes([0xA0 + len(MAGIC)]) + MAGIC.encode()  # its tag, and the magic as MessagePack text
+HELLO_BEGINS = b"\x01" + bytes([0xA0 + len(MAGIC)]) + MAGIC.encode()
+"""Beginning of a hello: its tag, and the magic as MessagePack text."""
 
 ENCRYPTED_ONLY = (
     "this server is encrypted (DTLS): join by a link that it prints at its start, or `cogrip token new` makes"

@@ -20,10 +20,10 @@ from cogrip.server.seat_limits import SeatLimits, WaveLimiter
 
 T = TypeVar("T")
 
-MOST_KEPT = 512  # frames whose metadata are kept until the frame is popped
-FEW_KEPT = 16  # up to which entries of frames that were skipped are not deleted
-SLACK_NS = 2  # difference by rounding of two times that are due together
-MOST_M = 1e3  # from the middle of a person's own frame
+MOST_KEPT = 512  # most frames whose metadata are kept until the frame is popped
+FEW_KEPT = 16  # number of kept entries above which those of skipped frames are deleted
+SLACK_NS = 2  # largest difference by rounding between two times that are due together
+MOST_M = 1e3  # largest distance of a hand from the middle of its person's own frame
 
 
 class WavePort(Port):

@@ -14,7 +14,7 @@ from cogrip.protocol.object_kinds import PYTHON, split_python
 from cogrip.protocol.settings import Settings
 from cogrip.server.worlds.scene_text import SceneError, read_scene
 
-UNREADABLE = "unreadable"  # whoever runs the session says what is wrong with it
+UNREADABLE = "unreadable"  # digest of a file that cannot be read: whoever runs the session says what is wrong with it
 
 
 def files_read(settings: Settings) -> dict[str, str]:

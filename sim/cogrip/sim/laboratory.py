@@ -41,7 +41,7 @@ Watch = Callable[["Laboratory"], None]
 Moment = tuple[tuple[int, int], ...]
 """Simultaneous ticks: seat numbers, each with its tick in the frame."""
 Record = Callable[[RecordedClient | RecordedServer, str], Sink]
-"""The sink of an end's recording, given its core and, for a client, the person's name (else "")."""
+"""Function that gives the sink of an end's recording, from its core and, for a client, the person's name (else "")."""
 
 
 def unrecorded(core: RecordedClient | RecordedServer, who: str) -> Sink:

@@ -11,7 +11,7 @@ from pathlib import Path
 from cogrip.protocol.foreign_file import ForeignFileError
 from cogrip.protocol.link_profile import Direction
 
-MOST_S = 1e9  # of any of its times
+MOST_S = 1e9  # largest value of any of an outage's times
 NEVER_NS = 1 << 62
 """146 years: an outage that never comes."""
 MOST_ROWS = 100_000

@@ -17,16 +17,17 @@ from cogrip.sim.link import COUNTERS, LinkEmulator
 
 Address = Hashable
 MakeLink = Callable[[int, Direction, int], LinkEmulator]
-"""A link for a flow number, a direction, and the time that outages and traces count from [ns]."""
+"""Function that makes a link, from a flow number, a direction, and the time that outages and traces count from [ns]."""
 
 MOST_FLOWS = 64
 IDLE_NS = 60_000_000_000
 MOST_HELD_BYTES = 64 << 20
-"""The bound of all datagrams under way. Forty people at 128 Hz over the longest delay hold 54 MB."""
-KEEPING_BYTES = 200  # about the memory of a datagram beside its content: objects, its place in the queue
+"""Most bytes of all datagrams under way. Forty people at 128 Hz over the longest delay hold 54 MB."""
+KEEPING_BYTES = 200  # approximate memory of a datagram beside its content: objects, its place in the queue
 
 OWN_COUNTERS = ("crowded", "not_sent", "refused")
-"""Counters beside the link's: no room in MOST_HELD_BYTES; refused by the socket; refused by an ICMP error."""
+"""Counters beside the link's: datagrams for which MOST_HELD_BYTES had no room; those that the socket refused; those that an
+ICMP error refused."""
 
 
 class Lane:

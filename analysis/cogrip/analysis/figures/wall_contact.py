@@ -21,7 +21,7 @@ from cogrip.sim.laboratory import Laboratory
 TD_MS = (10.0, 20.0)
 FORCE_N = 1.0
 SECONDS = 4.0
-START_S = 0.5  # of the push: the force is ramped in by then, and frames have the phase that they keep
+START_S = 0.5  # start of the push: the force is ramped in by then, and frames have the phase that they keep
 SHOWN_S = -0.05, 1.15
 DEVICE_DAMPING_NSPM = 1.0
 
@@ -33,7 +33,7 @@ class Contact:
     name: str
     td_ms: float
     settings: Settings
-    series: Array  # (ticks, 4)
+    series: Array  # values of each tick, (ticks, 4)
     predicted_npm: float
 
     @property

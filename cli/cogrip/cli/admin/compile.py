@@ -6,7 +6,7 @@ import sys
 
 from cogrip.cli.terminal.problem import BadInput
 
-COMPILING = "cogrip.cli.compiling"  # compiling.py of the checkout, which is there in a wheel alone
+COMPILING = "cogrip.cli.compiling"  # module that is compiling.py of the checkout; only a wheel has it
 
 
 def compile_(*, remove: bool = False) -> int:

@@ -17,7 +17,7 @@ from cogrip.machine.punctuality import Machine, Punctuality
 from cogrip.machine.realtime import PRIORITY
 
 _COLOURS = {"in reach": "green", "marginal": "yellow", "out of reach": "red"}
-_INTERRUPTED = 130  # what a shell reports for Ctrl-C
+_INTERRUPTED = 130  # exit code that a shell reports for Ctrl-C
 
 
 def _machine_table(machine: Machine) -> Table:

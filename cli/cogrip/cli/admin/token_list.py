@@ -17,8 +17,8 @@ from cogrip.server.tokens import Token, TokenState, date_text
 
 _TONES: dict[str, str] = {"good": "green", "used": "dim", "expired": "dim", "revoked": "red"}
 _HEADINGS = ("id", "role", "room", "seat", "device", "good for", "state", "when", "note")
-_NO_CONTENT = ("any", "-", "")  # a column in which every row is one of these is left out
-_PIPED_WIDTH = 10_000  # a line each
+_NO_CONTENT = ("any", "-", "")  # values without content: a column in which every row has one of them is left out
+_PIPED_WIDTH = 10_000  # width of the table in a pipe: one line for each row
 
 
 def token_list(*, state: State = None, port: Port = DEFAULT_PORT, json: Json = None) -> int:

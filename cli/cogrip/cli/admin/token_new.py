@@ -24,7 +24,7 @@ from cogrip.server.tokens import MOST_TOKENS, Token, TokenBook, TokenError, date
 EVERYWHERE = ("0.0.0.0", "::")
 _SECONDS = {"s": 1, "m": 60, "h": 3600, "d": 86400, "w": 604800}
 _MOST_S = 10 * 366 * 86400
-_MOST_NOTE, _MOST_DEVICE = 200, DEVICE_BYTES  # characters, as `tokens.Token`
+_MOST_NOTE, _MOST_DEVICE = 200, DEVICE_BYTES  # most characters of a note and of a device, as in `tokens.Token`
 
 
 def token_new(

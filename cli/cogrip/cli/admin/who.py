@@ -19,7 +19,7 @@ from cogrip.server.roster import RosterEntry
 _HEADINGS = ("name", "room", "seat", "address", "since", "rtt ms", "up ms", "down ms", "lost", "device")
 _SHORT = {"name": 16}
 _NUMBERS = ("rtt ms", "up ms", "down ms", "lost")
-_PIPED_WIDTH = 10_000  # a line each
+_PIPED_WIDTH = 10_000  # width of the table in a pipe: one line for each row
 
 
 def who(

@@ -10,9 +10,9 @@ from cogrip.devices.response import most_push_n
 from cogrip.machine.platform import time
 from cogrip.protocol.rates import due_ns
 
-PUSH_N = 0.2  # on a device that is real
-MOVED_BY_NOBODY = ("replay:", "web:")  # These hold a recording, or a mass in a page.
-PLANT_PUSH_N = 1.0  # on a simulated machine, which takes any force: more would tear its hand off
+PUSH_N = 0.2  # largest push on a real device
+MOVED_BY_NOBODY = ("replay:", "web:")  # schemes that no hand moves: a recording, or a mass in a page
+PLANT_PUSH_N = 1.0  # largest push on a simulated machine, which takes any force: more would tear its hand off
 
 
 def device_conform(address: str, /, *, axes: int | None = None, rate_hz: int = 1024, yes: bool = False) -> int:

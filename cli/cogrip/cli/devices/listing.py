@@ -32,8 +32,8 @@ from cogrip.protocol.setting_types import GRIP_AXES, POSE_AXES
 
 NOT_RUN = "not run on hardware"
 INPUT_ONLY = "input only: no force"
-_NO_HARDWARE = ("web",)  # families in real time without a machine
-_LAST = ("emulated", "replay")  # in a list, behind real devices; sim: stands first
+_NO_HARDWARE = ("web",)  # families in real time without hardware
+_LAST = ("emulated", "replay")  # families that stand last in a list, behind real devices; sim: stands first
 _HEADINGS = (("address", "axes", "peak", "stiffness", "damping", "rate"), ("", "", "N", "N/m", "N s/m", "Hz"))
 
 

@@ -12,7 +12,7 @@ from cogrip.devices.motor_trial import MOST_HZ, Tried, try_motors
 from cogrip.devices.registry import axes_of, is_input_only, is_real, make
 from cogrip.machine.realtime import engage, release
 
-UNTRIED = ("sim:", "web:", "replay:")  # These have no motors.
+UNTRIED = ("sim:", "web:", "replay:")  # schemes of devices that have no motors
 SKIPPED = "motors not tried: --no-trial"
 
 

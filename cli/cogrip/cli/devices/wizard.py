@@ -29,7 +29,7 @@ from cogrip.machine.realtime import engage, release
 SIGN = "the sign of "
 STEPS = ("device", "who it is", "check", "calibration", "signs of its axes", "felt stiffness", "settings file")
 SHOWN_TICKS = trial.RATE_HZ // 16
-CLOSE = 0.1  # of the stiffness asked for: a felt one that differs by more is told
+CLOSE = 0.1  # relative difference of the felt from the asked stiffness above which it is told
 SKIP, LEAVE = "s", "q"
 _Answer = TypeVar("_Answer")
 

@@ -19,13 +19,14 @@ from cogrip.results.judgement import Tone
 from cogrip.results.listing import ListedRun, list_runs
 
 _TONES: dict[Tone, tuple[str, str]] = {"good": ("✓", "green"), "warn": ("!", "yellow"), "bad": ("✗", "red")}
-_HEADINGS = ("run", "age", "kind", "people", "verdict", "length", "size")  # the last ones are left out first
+_HEADINGS = ("run", "age", "kind", "people", "verdict", "length", "size")
+"""Headings of columns; the last ones are left out first."""
 _RIGHT = ("age", "length", "size")
-_KEPT = 5  # columns that every terminal shows
-_NAME_WIDTH = 32  # for which columns are left out: a time and a short name
-_PEOPLE_WIDTH = 12  # of names; more people are counted
-_PIPED_WIDTH = 200  # where it is not shown on a terminal
-_AGES = ((60.0, "s"), (60.0, "min"), (24.0, "h"), (1000.0, "d"))  # how many of each make one of the next
+_KEPT = 5  # number of columns that every terminal shows
+_NAME_WIDTH = 32  # width that a run's name keeps as columns are left out: a time and a short name
+_PEOPLE_WIDTH = 12  # width of people's names; those who find no room are counted
+_PIPED_WIDTH = 200  # width of the table where it is not shown on a terminal
+_AGES = ((60.0, "s"), (60.0, "min"), (24.0, "h"), (1000.0, "d"))  # units of age: how many of each make one of the next
 
 
 def runs(

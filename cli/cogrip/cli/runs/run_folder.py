@@ -17,7 +17,7 @@ from cogrip.results.folder import make_run_folder, write_summary
 if TYPE_CHECKING:
     from cogrip.results.records import RunRecords
 
-RUNS = Path("runs")  # where commands leave runs, and look for their names
+RUNS = Path("runs")  # folder where commands leave runs, and look for their names
 
 
 def new_run_folder(base: Path, name: str) -> Path:

@@ -51,7 +51,7 @@ from cogrip.server.io.workers.link import (
 from cogrip.server.io.workers.orders import LinkMeasures, LinkOrders
 from cogrip.server.loop import LiveServer
 
-DESERTED_S = 10.0  # after which a process that nobody answers ends: whoever was there may be resuming
+DESERTED_S = 10.0  # time after which a process that nobody answers ends: whoever was there may be resuming
 
 
 class RoomJob(Job, frozen=True):

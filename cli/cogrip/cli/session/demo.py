@@ -42,7 +42,7 @@ from cogrip.results.summary import of_accounts
 from cogrip.results.summary_values import task_of
 from cogrip.results.verdict import succeeded
 
-MOVED_M = 0.005  # an object that travelled less has not really moved
+MOVED_M = 0.005  # least travel of an object that counts as moved
 WATCH_EVERY_S = 0.1
 
 

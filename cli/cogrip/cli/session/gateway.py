@@ -30,7 +30,7 @@ from cogrip.view.io.hand_process import HandProcess
 from cogrip.view.io.platform import STARTS_HANDS
 from cogrip.view.io.process import PortError
 
-USUAL_PORTS = {"http": 80, "https": 443}  # which browsers leave out
+USUAL_PORTS = {"http": 80, "https": 443}  # ports that browsers leave out of an address
 
 
 def gateway(

@@ -7,7 +7,7 @@ from cogrip.cli.session.join_target import Target
 from cogrip.cli.terminal.problem import BadInput
 from cogrip.server.io.state_folder import NoStateError, StateError, StateFolder, find_folder, make_folder, state_path
 
-OWN = "gateway"  # folder beside those of servers
+OWN = "gateway"  # name of a folder beside those of servers
 
 
 def tls_of(

@@ -50,7 +50,7 @@ from cogrip.results.summary import of_client
 from cogrip.results.verdict import succeeded, why_not
 from cogrip.sim.link import LinkEmulator
 
-LACKING = ("recording stopped",)  # counts of what a recording lacks, by fault of its disk
+LACKING = ("recording stopped",)  # counts of what a recording lacks that are its disk's fault
 NO_NAME = "an observer has no seat: --name has no effect"
 
 
@@ -269,7 +269,7 @@ class _Files:
     screen: LiveScreen
     drawn: bool
     page: ViewChild | GivenLink | None = None
-    warnings: list[str] = field(default_factory=list)  # for the report
+    warnings: list[str] = field(default_factory=list)  # warnings for the report
 
     def warn(self, text: str) -> None:
         """Say a warning, and keep it."""

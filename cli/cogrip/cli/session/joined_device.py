@@ -24,9 +24,9 @@ MOST_ADVISED_FRAMES = {
     "local": 512,
     "coupling": 40,
     "tdpa": 512,
-}  # of both directions together; each takes about 2 s
-MOST_ADVISED_TICKS = 256  # in a frame
-USUAL_HZ, LOOKED_AHEAD_S = 1024, 60.0  # with which a hand is checked before a server has said its rate and length
+}  # most frames of both directions together with which the model is computed; each takes about 2 s
+MOST_ADVISED_TICKS = 256  # most ticks of a frame with which the model is computed
+USUAL_HZ, LOOKED_AHEAD_S = 1024, 60.0  # rate and length with which a hand is checked before a server has told its own
 
 
 def with_playback(address: str | None, **options: float | None) -> str | None:

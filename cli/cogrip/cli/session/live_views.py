@@ -33,7 +33,7 @@ R = TypeVar("R", bound=Record)
 AXES = "xyz"
 ASK_EVERY_S, ASK_LIMIT_S = 1.0, 0.5
 _TINTS = {"fault": "red", "degraded": "yellow", "free": "dim", "joining": "dim"}
-# A heading stands above one number, at its right edge: what several share is above the first.
+# Headings of the reserves. A heading stands above one number, at its right edge: what several share is above the first.
 _RESERVES = ("reserve\nmJ: up", "\ndown", "\nline", "\nport")
 _NETWORK = ("rtt\nms", "delay\nms: up", "\ndown", "lost\nframes", "late\nticks")
 _DEMO_NAME_WIDTH, _NAME_WIDTH, _ROOM_WIDTH = 12, 16, 24

@@ -12,11 +12,12 @@ from cogrip.cli.terminal.platform import takes_output
 from cogrip.protocol.texts import shown
 from cogrip.server.events import ServerEvent
 
-WARNINGS = ("lost", "kicked", "refused", "limited", "stiffness", "trouble")  # events; the others are information
+WARNINGS = ("lost", "kicked", "refused", "limited", "stiffness", "trouble")
+"""Events that are warnings; the others are information."""
 FIELDS = ("room", "user", "address", "code", "token")
-LONGEST_BYTES = 4096  # a pipe takes so many bytes whole or not at all
-LONGEST_TEXT = 1000  # characters; only a text that a peer controls is longer
-NOTICE = "notice"  # the event of a text without one
+LONGEST_BYTES = 4096  # most bytes of a line: a pipe takes so many whole or not at all
+LONGEST_TEXT = 1000  # most characters of a text; only one that a peer controls is longer
+NOTICE = "notice"  # event of a text that has none
 
 
 def now() -> datetime:

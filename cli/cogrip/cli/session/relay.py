@@ -30,8 +30,8 @@ from cogrip.sim.relay import Relay
 
 RELAY_PORT = DEFAULT_PORT + 1
 DIRECTIONS: tuple[Direction, Direction] = ("up", "down")
-PIPED_WIDTH = 300  # all columns in one table for a file
-MOST_FLOWS = 400  # `select` takes sockets up to number 1023
+PIPED_WIDTH = 300  # width at which a file has all columns in one table
+MOST_FLOWS = 400  # most flows: `select` takes sockets up to number 1023
 NOTHING = "adds nothing"
 CLEAR = "\r\x1b[K"
 OUTCOMES = ("delivered", "lost", "outage", "queue_dropped", "duplicated", "held", "reordered", "in_flight")

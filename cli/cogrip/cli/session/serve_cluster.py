@@ -55,7 +55,7 @@ class ClusterJob(NamedTuple):
     runs: Path
     record: bool
     report: bool
-    rates: dict[str, RateChoice]  # by room, of those that asked for "auto"
+    rates: dict[str, RateChoice]  # choice of the rate of each room that asked for "auto"
     ports: PortRange | None
     in_memory: bool
 

@@ -32,7 +32,7 @@ from cogrip.server.io.workers.front import DYING, Front, FrontChannel, shares
 from cogrip.server.io.workers.pool import START_LIMIT_S, WorkerPool
 from cogrip.server.io.workers.steering import Steering, open_public, replaces_safely
 
-ORPHANS_S = 1.0  # for which workers of a front that was killed may still have the port
+ORPHANS_S = 1.0  # time for which workers of a front that was killed may still have the port
 
 
 class FrontJob(NamedTuple):
@@ -49,9 +49,9 @@ class FrontJob(NamedTuple):
     runs: Path | None
     record: bool
     report: bool
-    rates: dict[str, RateChoice]  # by room, of those that asked for "auto"
-    floor_bytes: int  # what recordings leave free
-    hand_over_s: float | None  # as of `LiveServer`
+    rates: dict[str, RateChoice]  # choice of the rate of each room that asked for "auto"
+    floor_bytes: int  # bytes of a disk that recordings leave free
+    hand_over_s: float | None  # wait for the next server, as `LiveServer.hand_over_s`
 
 
 class FrontServer:

@@ -40,9 +40,9 @@ if TYPE_CHECKING:  # OpenSSL takes a while
     from cogrip.server.io.dtls_channel import DtlsListener
 
 KEY_LIMIT_S = 5.0
-MOST_LINKED = 100  # rooms with links of their own: of more, a link is for any
+MOST_LINKED = 100  # most rooms that have links of their own: where there are more, one link is for any
 WILDCARDS = ("0.0.0.0", "::", "")
-LOOPBACKS = {"0.0.0.0": "127.0.0.1", "::": "::1"}  # by which a process of this machine reaches a wildcard
+LOOPBACKS = {"0.0.0.0": "127.0.0.1", "::": "::1"}  # address by which a process of this machine reaches a wildcard
 
 
 def held_folder(

@@ -10,7 +10,7 @@ from cogrip.cli.terminal.problem import BadInput, Problem
 from cogrip.devices.io.platform import PSEUDO_TERMINALS, open_pseudo_terminal
 from cogrip.server.io.trigger import Trigger, TriggerError, TriggerLine, measure
 
-MEASURED = 100  # pulses
+MEASURED = 100  # number of pulses that are measured
 PTY = "byte:pty"
 NOTHING_BACK = (
     "nothing came back: bridge TX and RX (byte), RTS and CTS (rts), DTR and DSR (dtr) to measure the whole way"

@@ -41,9 +41,9 @@ class Job(msgspec.Struct, frozen=True):
     report: bool
     log: Literal["text", "json"]
     metrics: bool
-    rates: dict[str, RateChoice]  # by room, of those that asked for "auto"
-    floor_bytes: int  # what recordings leave free
-    hand_over_s: float | None  # as of `LiveServer`
+    rates: dict[str, RateChoice]  # choice of the rate of each room that asked for "auto"
+    floor_bytes: int  # bytes of a disk that recordings leave free
+    hand_over_s: float | None  # wait for the next server, as `LiveServer.hand_over_s`
 
 
 def main(arguments: list[str]) -> int:

@@ -31,8 +31,8 @@ AllowUnstable = Annotated[
     ),
 ]
 ALLOW = "; --allow-unstable runs it all the same"
-HELD_BY_NOBODY = ("sim:", "emulated:", "replay:")  # no person holds these
-MOST_STATES = 256  # of a model that is advised with before a run: its work grows with the cube, 2 s at this
+HELD_BY_NOBODY = ("sim:", "emulated:", "replay:")  # schemes of devices that no person holds
+MOST_STATES = 256  # most states of a model that is advised with before a run: its work grows with the cube, 2 s at this
 
 
 def check_settings(

@@ -37,7 +37,7 @@ GIVE = "give a settings file, or a name of `cogrip configs`, such as demo"
 
 
 Overrides = Sequence[str] | Mapping[str, Any]
-"""`--set` as typed, or values by dotted key."""
+"""Overrides: `--set` as typed, or values by dotted key."""
 
 
 def load(

@@ -190,7 +190,7 @@ def _change(settings: Settings, advice: Advice, checked: Check | None) -> Change
     return found
 
 
-_USER = {  # keys of the answer: attributes of `UserAdvice`
+_USER = {  # keys of the answer, and the attributes of `UserAdvice` that they have
     "name": "name", "asked_stiffness_npm": "asked_npm", "felt_stiffness_npm": "felt_npm", "free_mass_kg": "free_mass_kg",
     "compensated_stiffness_npm": "compensated_npm", "enough_impedance_nspm": "enough_impedance_nspm",
     "b_tc_over_m": "b_tc_over_m", "advised_damping_nspm": "advised_damping_nspm",

@@ -38,8 +38,8 @@ from cogrip.results.folder import finite
 
 SEEDS = 20
 _PIPED_WIDTH = 160
-_STYLES = {"good": "", "warn": "yellow", "bad": "red"}  # of a verdict, by its tone
-_PRINT_EVERY = 0.1  # of the whole, where there is no terminal to draw a bar on
+_STYLES = {"good": "", "warn": "yellow", "bad": "red"}  # styles of a verdict, by its tone
+_PRINT_EVERY = 0.1  # share of the whole from one print to the next, where there is no terminal to draw a bar on
 
 
 def compare(

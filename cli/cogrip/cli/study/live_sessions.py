@@ -38,7 +38,7 @@ Children = dict[str, subprocess.Popen[bytes]]
 LOG = "server.log"
 ENDS = {**ORDERS, "e": Event.ENDED}  # orders that end a session
 BUTTON = "or press a button of your device"
-CHILDREN = "children.json"  # processes of the session that is going on
+CHILDREN = "children.json"  # file that names the processes of the session that is going on
 _LOOK_EVERY_S = 0.05
 
 

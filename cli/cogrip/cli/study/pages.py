@@ -16,7 +16,7 @@ from cogrip.view.io.process import PortError, open_browser
 from cogrip.view.io.study_page import StudyPage, new_token
 from cogrip.view.panel import PanelMessage, PanelState, Prompt, Target
 
-FILE = "pages.json"  # port and tokens, beside the key of the server: tabs find the page again after a crash
+FILE = "pages.json"  # file of port and tokens, beside the key of the server: tabs find the page again after a crash
 
 
 class _Kept(msgspec.Struct):

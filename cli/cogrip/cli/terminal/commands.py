@@ -8,7 +8,7 @@ from cyclopts import App, Group
 from cyclopts.help import format_usage
 
 Table = Mapping[str, tuple[str, str]]
-"""Name -> (target "module:function" below cogrip.cli, one line of help)."""
+"""Commands by name: target "module:function" below cogrip.cli, and one line of help."""
 
 
 def add_commands(app: App, table: Table, group: Group | None = None) -> None:

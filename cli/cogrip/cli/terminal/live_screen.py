@@ -28,11 +28,12 @@ assert sys.platform != "win32"  # `screen` has the choice
 
 DRAW_EVERY_S = 0.2
 END_LIMIT_S, STOP_LIMIT_S = 5.0, 1.0
-NICE = 10  # of the drawing: the loop comes first
+NICE = 10  # niceness of the drawing: the loop comes first
 SHOW_CURSOR = b"\x1b[?25h"
-# The loop handles Ctrl-C and its like: its end is the drawing's, which then restores the terminal.
+# Signals that are blocked in the drawing: the loop handles Ctrl-C and its like, and its end is the drawing's, which then
+# restores the terminal.
 _BLOCKED_IN_DRAWING = ("SIGINT", "SIGTERM", "SIGQUIT", "SIGHUP", "SIGTTOU", "SIGTSTP")
-_STOP = {signal.SIGTSTP}  # unblocked only while the terminal is restored
+_STOP = {signal.SIGTSTP}  # signals that are unblocked only while the terminal is restored
 
 
 def in_foreground(descriptor: int) -> bool:

@@ -5,7 +5,7 @@ import io
 import segno
 from rich.console import Console
 
-BORDER = 1  # modules of quiet zone: fewer than the 4 of the standard, which every reader takes
+BORDER = 1  # width of the quiet zone in modules: fewer than the 4 of the standard, which every reader takes
 
 
 def qr_code(text: str, columns: int, lines: int) -> str:

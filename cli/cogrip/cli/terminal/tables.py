@@ -12,7 +12,7 @@ from rich.text import Text
 from cogrip.cli.terminal.output import has_width
 
 INDENT = "  "
-_NATURAL = 10_000  # columns: more than any table wants
+_NATURAL = 10_000  # width in columns that is more than any table wants
 _ELLIPSIS = "…"
 
 

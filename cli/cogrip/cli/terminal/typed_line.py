@@ -5,7 +5,7 @@ import sys
 
 from cogrip.cli.terminal.platform import wait_for_input
 
-_waiting = bytearray()  # read from a pipe or a file, and not returned yet
+_waiting = bytearray()  # bytes that were read from a pipe or a file, and not returned yet
 
 
 def typed_line() -> str:

@@ -25,7 +25,7 @@ from cogrip.server.worlds.guarded import GuardedWorld, TooLongError, error_line
 from cogrip.server.worlds.registry import WorldKindError, world_class_of
 from cogrip.server.worlds.world import World, WorldError
 
-MOST_SEATS = 4  # of those that are tried
+MOST_SEATS = 4  # most seats that are tried
 
 
 def world_check(world: str, /, *, overrides: Overrides = (), json: Json = None) -> int:

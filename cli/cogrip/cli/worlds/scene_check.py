@@ -17,10 +17,10 @@ from cogrip.protocol.settings import Settings, resolve, seat_settings
 from cogrip.protocol.settings_table import SettingsError
 
 SUFFIXES = (".xml", ".mjcf", ".urdf")
-FRAMES = 256  # The frames that are stepped to see what one of them costs.
+FRAMES = 256  # number of frames that are stepped to see what a frame costs
 MARKS = {"ok": ("✓", "green"), "note": ("·", "cyan"), "warning": ("!", "yellow"), "refused": ("✗", "red")}
 Row = tuple[str, str, str]
-"""Level, topic, and words."""
+"""Level, topic and words of a finding."""
 
 
 def check_scene(file: Path, overrides: tuple[str, ...]) -> dict[str, Any]:

@@ -30,7 +30,7 @@ LABEL = "tab:methods"
 _SYMBOLS = {column.measure: column.symbol for column in TABLE}
 _UNSTABLE = {"diverged": "div.", "oscillates": "osc."}
 _NOT_PASSIVE = {"not_passive": "n.p."}
-_TO_ITSELF = "error_clean_n"  # on the clean link it is 0 by what it means
+_TO_ITSELF = "error_clean_n"  # measure that is 0 by definition on the clean link
 
 
 def latex(summary: Mapping[str, Any]) -> str:

@@ -24,15 +24,17 @@ MARK_WORDS: Mapping[Mark, str] = {
     "not_passive": WORDS["not_passive"],
     "passive": WORDS["passive"],
 }
-WARNING = "#8a5a00"  # words on a session that is stable and not passive; those on an unstable one are in ALARM
+WARNING = "#8a5a00"
+"""Colour of words on a session that is stable and not passive; those on an unstable one are in ALARM."""
 FRAMED = 1.3  # line width around the part of a bar whose sessions are passive
-FILLS: Mapping[Mark, Style] = {  # in the order in which they are drawn: the first below the median, the others above it
+# marks in the order in which they are drawn: the first below the median, the others above it
+FILLS: Mapping[Mark, Style] = {
     "passive": {"mec": "white", "mew": 0.2},
     "not_passive": {"fillstyle": "bottom", "markerfacecoloralt": "white", "mew": 1.0},
     "unstable": {"mfc": "white", "mew": 1.0},
     "unstable_passive": {"mec": INK, "mew": 1.2},
 }
-_SHADES = ("full", "dark", "pale")  # of a method's colour, by person
+_SHADES = ("full", "dark", "pale")  # shades of a method's colour, by person
 
 
 def style_of(method: str) -> Style:

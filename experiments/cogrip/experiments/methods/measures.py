@@ -24,12 +24,12 @@ from cogrip.results.felt_as_intended import SOFTER
 from cogrip.results.summary_values import Summary, dig, is_number, people, worst_margin
 from cogrip.results.verdict import felt
 
-LAST_S = 0.5  # of the rest at the end, over which it is judged
-SWING_N = 1.0  # swing of a force between hands that hold still
-SWING_MJ = 5.0  # and energy created meanwhile: a long line that only rings makes none
-ACTIVE_MJ = 5.0  # created beyond what ledgers account for; and beyond
-ACTIVE_SHARE = 0.1  # of what hands have put in
-State = Literal["diverged", "oscillates", "not_passive", "passive"]  # of a session; the last two are stable
+LAST_S = 0.5  # length of the stretch at the end over which the rest is judged
+SWING_N = 1.0  # swing of a force between hands that hold still above which a session may oscillate
+SWING_MJ = 5.0  # energy created meanwhile above which it does: a long line that only rings makes none
+ACTIVE_MJ = 5.0  # energy created beyond what ledgers account for, above which a session is active
+ACTIVE_SHARE = 0.1  # share of what hands have put in that this energy must exceed as well
+State = Literal["diverged", "oscillates", "not_passive", "passive"]  # state of a session; the last two are stable
 Mark = Literal["unstable", "unstable_passive", "not_passive", "passive"]  # both verdicts of a session in one
 
 
@@ -105,7 +105,7 @@ COLUMNS = (
     "diverged", "diverged_s", "reason", "oscillates", "passive", "not_felt", "margin_mj", "leak_mj", *MEASURES,
     "felt_person", "lost", "late",
 )  # fmt: skip
-FELT_MEASURES = ("felt_npm", "error_percent", "added_mm_per_n")  # of each person, beside the K asked for
+FELT_MEASURES = ("felt_npm", "error_percent", "added_mm_per_n")  # felt measures of each person, beside the K asked for
 
 
 def created_j(work_j: Array, object_j: Array) -> float:

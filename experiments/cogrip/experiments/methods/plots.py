@@ -24,12 +24,13 @@ from cogrip.experiments.methods.trace_plot import draw_traces
 from cogrip.results.plots.style import ALARM, FAINT, INK, NotDrawnError, Sheet, Style
 
 _DOT_SIZE = 5.4
-_LOG_FROM, _LOG_SPAN = 1e-3, 30.0  # values that spread more than this get a logarithmic axis
+_LOG_FROM, _LOG_SPAN = 1e-3, 30.0
+"""Least value on a logarithmic axis, and the ratio of two values above which an axis is logarithmic."""
 _MEDIAN: Style = {"color": INK, "lw": 1.6}
 _DOT: Style = {"color": FAINT, "marker": "o", "ms": 6, "lw": 0}
 _UNSTABLE: Style = {"marker": "x", "color": ALARM, "ms": 6, "lw": 0, "mew": 1.4}
 _NOT_MEASURED: Style = {"marker": "_", "color": FAINT, "ms": 8, "lw": 0, "mew": 1.6}
-_PARTS: tuple[tuple[State, Mark, str], ...] = (  # of a bar, from its foot
+_PARTS: tuple[tuple[State, Mark, str], ...] = (  # parts of a bar, from its foot
     ("diverged", "unstable", f"{WORDS['diverged']}, not passive"),
     ("diverged", "unstable_passive", f"{WORDS['diverged']}, passive"),
     ("oscillates", "unstable", f"{WORDS['oscillates']}, not passive"),

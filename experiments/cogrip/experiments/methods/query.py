@@ -32,7 +32,7 @@ from cogrip.sim.input_files import files_read
 COMPARISON = Kind("comparison", "comparison.json")
 MOST_SESSIONS = 100_000
 FELT_SEEDS = 5
-DRAWN_SEEDS = 20  # a sketch of forces takes some kB of cells.jsonl
+DRAWN_SEEDS = 20  # number of seeds with a sketch of forces, which takes some kB of cells.jsonl
 REST_SHARE, LEAST_REST_S, MOST_REST_S = 0.3, FADE_S + LAST_S, 3.0
 
 

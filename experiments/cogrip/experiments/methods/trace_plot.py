@@ -26,8 +26,8 @@ from cogrip.results.plots.style import (
     title,
 )
 
-_STRETCHES = 80  # of a session, of each of which a trace shows minimum, median and maximum
-_MARGIN = 1.2  # above the largest force of a row's stable sessions
+_STRETCHES = 80  # number of stretches of a session, of each of which a trace shows minimum, median and maximum
+_MARGIN = 1.2  # factor on the largest force of a row's stable sessions that gives the height of its axis
 _TRACE_LEGEND: list[tuple[str, Style]] = [
     ("band: from the least to the largest", {"facecolor": FAINT, "alpha": 0.35, "lw": 0}),
     ("diverged", {"color": ALARM, "lw": 1.0, "ls": DOTTED}),

@@ -16,7 +16,7 @@ from cogrip.machine.addition import add_integers
 from cogrip.protocol.settings import Settings
 from cogrip.results.measures.goal import Goal
 
-MOST_FAILURES = 3  # of one trial, one after the other
+MOST_FAILURES = 3  # most failures of one trial, one after the other
 
 Answers = Mapping[str, Answer]
 

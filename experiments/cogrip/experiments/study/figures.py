@@ -21,10 +21,10 @@ from cogrip.results.measures.registry import MEASURES, Measure
 from cogrip.results.plots.style import FAINT, INK, Sheet, Style, label, person_style, png, title
 
 CONFIDENCE = 0.95
-_SPREAD = 0.12  # of a condition's points, to either side
-_MOST_WORDS = 8  # conditions whose names stand upright
-_MOST_NAMED = 24  # groups that the legend names
-_AXIS_LENGTH = 80  # characters
+_SPREAD = 0.12  # width over which a condition's points are spread, to either side
+_MOST_WORDS = 8  # most conditions whose names stand upright
+_MOST_NAMED = 24  # most groups that the legend names
+_AXIS_LENGTH = 80  # most characters of an axis label
 
 Values = dict[str, dict[int, float]]
 """condition -> group, from 1 -> mean"""

@@ -22,8 +22,8 @@ from cogrip.results.measures.motion import ENDPOINT
 
 WIDTHS = 4.133
 """Standard deviations in an effective width: the square root of 2 pi e. 96 % of a normal distribution lie in so many."""
-FEWEST = 3  # trials of which a spread is told
-ENOUGH = 0.1  # of a throughput: half of an interval of 95 % that is narrow enough
+FEWEST = 3  # least number of trials of which a spread is told
+ENOUGH = 0.1  # half of an interval of 95 % that is narrow enough, as a share of the throughput
 _Z = 1.96
 
 

@@ -18,8 +18,8 @@ from cogrip.experiments.study.plan import Done, Trial
 from cogrip.experiments.study.study_file import Study, StudyError
 
 STUDY, TRIALS, ANSWERS, RUNS = "study.json", "trials.jsonl", "answers.jsonl", "runs"
-PARTIAL = f"{STUDY}.part"  # which a kill may leave
-CUT = ".cut"  # what stands behind the name of a journal in place of `.jsonl`: lines that were cut short
+PARTIAL = f"{STUDY}.part"  # name of the study file while it is written; a kill may leave it
+CUT = ".cut"  # ending of the file beside a journal that holds its lines which were cut short
 _FILLING = b"\0\r\n"
 
 Status = Literal["begun", "failed", "finished", "abandoned"]

@@ -15,7 +15,7 @@ from cogrip.experiments.study.study_file import Block, Study
 
 CATCH = "catch"
 """Track of catch trials: whoever attends finds their level, so that a wrong answer tells of a lapse, and no track has it."""
-_SEEDS = 2**31  # of sessions
+_SEEDS = 2**31  # number of seeds from which sessions draw
 
 
 class Done(NamedTuple):

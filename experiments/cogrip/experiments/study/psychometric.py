@@ -20,23 +20,24 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-TARGET = sqrt(0.5)  # to which 1-up 2-down converges: p^2 = 1/2 (Levitt 1971)
-GUESSING = 0.5  # of two intervals
-DETECTION_SLOPE = 3.5  # of a difference from nothing (Watson and Pelli 1983)
-DISCRIMINATION_SLOPE = 2.0  # Between 1.3, of an observer whose d' grows with the difference, and that of detection.
+TARGET = sqrt(0.5)  # share of right answers to which 1-up 2-down converges: p^2 = 1/2 (Levitt 1971)
+GUESSING = 0.5  # probability of guessing right one of two intervals
+DETECTION_SLOPE = 3.5  # slope of the detection of a difference from nothing (Watson and Pelli 1983)
+DISCRIMINATION_SLOPE = 2.0
+"""Slope of discrimination: between 1.3, of an observer whose d' grows with the difference, and that of detection."""
 SLOPE_DOUBT = 1.3  # standard deviation of ln beta before any answer: less pulls flat observers towards the usual slope
 INTERVAL = 0.95  # probability of the interval that is told
-UNLIKELY = 0.01  # Answers that a fit expects in fewer than so many of its observers do not fit it.
+UNLIKELY = 0.01  # least `Fit.misfit` of answers that fit
 
 _THRESHOLDS = 161
 _SLOPES: NDArray[np.float64] = np.geomspace(0.6, 8.0, 14)
 _LAPSES: NDArray[np.float64] = np.linspace(0.0, 0.1, 9)
-_SMALLEST = 1e-9  # probability of any answer
+_SMALLEST = 1e-9  # least probability of any answer
 _C = log((1.0 - GUESSING) / (1.0 - TARGET))
 _NORMAL = NormalDist()
 _Z = _NORMAL.inv_cdf(TARGET)
 
-Answered = tuple[float, bool]  # level, and whether the answer was right
+Answered = tuple[float, bool]  # level of a stimulus, and whether the answer was right
 Array = NDArray[Any]
 
 

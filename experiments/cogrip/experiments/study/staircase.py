@@ -24,12 +24,12 @@ from cogrip.experiments.study.psychometric import (
 from cogrip.machine.addition import add_integers
 
 _PEST_WALD = 1.0  # deviation limit W of the sequential test (Taylor and Creelman 1967)
-_MOST_PEST_STEPS = 8.0  # times the first step
-_QUEST_LEVELS = 33  # from least to most, among which QUEST chooses
-_FIRST_REVERSALS = 4  # in which a track comes near: left out of the mean of reversals
-_LEAST_REVERSALS = 2  # of which a mean is told
-_DIGITS = 6  # of a level
-_AT_BOUND = 0.25  # A track of which so many answers were given at a bound sits there.
+_MOST_PEST_STEPS = 8.0  # largest step of PEST, in first steps
+_QUEST_LEVELS = 33  # number of levels from least to most, among which QUEST chooses
+_FIRST_REVERSALS = 4  # number of first reversals, in which a track comes near: they are left out of the mean
+_LEAST_REVERSALS = 2  # least number of reversals of which a mean is told
+_DIGITS = 6  # number of digits of a level
+_AT_BOUND = 0.25  # share of a track's answers at a bound above which the track sits there
 
 Method = Literal["1-up-2-down", "pest", "quest"]
 Positive = Annotated[float, msgspec.Meta(gt=0.0)]

@@ -19,9 +19,9 @@ from cogrip.protocol.settings import Settings, resolve
 from cogrip.protocol.settings_table import SettingsError, readable, refuse_unknown
 from cogrip.results.measures.goal import NO_GOAL, Goal, unfit_goal
 
-GOAL = "goal."  # keys of conditions that are the goal's, not the session's
+GOAL = "goal."  # prefix of keys of conditions that are the goal's, not the session's
 OWN = frozenset({"name", "seed"})  # keys of a session that no condition sets
-BASE = "base"  # the condition of a study that names none
+BASE = "base"  # name of the condition of a study that names none
 
 Ending = Literal["time", "goal", "operator"]
 Start = Literal["key", "button"]

@@ -31,8 +31,8 @@ PLACE: tuple[Column, ...] = (
     Column("pauses", "int64"),
 )  # fmt: skip
 ANSWER = "answer_"
-MISSING = "felt_stiffness_missing"  # why a row has no felt stiffness
-FORMULA = ("=", "+", "-", "@", "\t", "\r")  # what a spreadsheet takes for a formula begins so
+MISSING = "felt_stiffness_missing"  # column that says why a row has no felt stiffness
+FORMULA = ("=", "+", "-", "@", "\t", "\r")  # beginnings of a text that a spreadsheet takes for a formula
 
 Row = dict[str, Any]
 

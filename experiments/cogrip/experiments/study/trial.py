@@ -15,10 +15,10 @@ State = Literal["waiting", "running", "asking", "paused", "finished", "abandoned
 class Event(Enum):
     """An event of a trial."""
 
-    READY = auto()  # everybody is: keys, buttons, or at once
-    ENDED = auto()  # one session, by time, goal or operator
+    READY = auto()  # everybody is ready: by keys, by buttons, or at once
+    ENDED = auto()  # one session ended, by time, goal or operator
     FAILED = auto()  # one session broke off
-    ANSWERED = auto()  # all questions
+    ANSWERED = auto()  # all questions are answered
     PAUSE = auto()
     RESUME = auto()
     REPEAT = auto()

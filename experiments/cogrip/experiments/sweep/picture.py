@@ -26,10 +26,10 @@ from cogrip.results.plots.style import FAINT, INK, Legend, NotDrawnError, Sheet,
 MOST_PANELS = 9
 MOST_TICKS = 8
 _COLUMNS = 3
-_SAME = 1e-9  # of the largest value: what differs less is one number
+_SAME = 1e-9  # relative difference below which two values are one number
 _EMPTY: Style = {"facecolor": "#e5e7eb", "hatch": "////", "edgecolor": FAINT, "lw": 0}
 _FLAT = "#c6d4e1"
-_BORDER: Style = {"color": INK, "lw": 1.4, "ls": "--"}  # of stability, where a spectral radius is 1
+_BORDER: Style = {"color": INK, "lw": 1.4, "ls": "--"}  # style of the border of stability, where a spectral radius is 1
 _UNITS = {
     "_s": "s", "_ms": "ms", "_us": "µs", "_hz": "Hz", "_m": "m", "_mm": "mm", "_mps": "m/s", "_n": "N", "_npm": "N/m",
     "_nspm": "N s/m", "_kg": "kg", "_j": "J", "_mj": "mJ", "_w": "W", "_kbps": "kbit/s", "_rad_s": "rad/s",

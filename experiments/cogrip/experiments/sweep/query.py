@@ -22,7 +22,7 @@ from cogrip.sim.input_files import files_read
 MANIFEST = "sweep.json"
 SWEEP = Kind("sweep", MANIFEST)
 _EXAMPLE_FRAMES = 2
-_BATCH = 16  # linear models, which take milliseconds each
+_BATCH = 16  # number of linear models that a worker computes at a time: one takes some milliseconds
 
 
 @dataclass(frozen=True, slots=True)

@@ -26,7 +26,7 @@ BACKDATED = timedelta(days=1)
 COMMON_NAME = "cogrip"
 SECRET_LABEL = b"cogrip: secret of this server, 1"
 SECRET_BYTES = 32
-MOST_BYTES = 1 << 16  # of a key or certificate that is read
+MOST_BYTES = 1 << 16  # longest key or certificate that is read
 
 
 class CertificateError(Exception):

@@ -17,14 +17,15 @@ from cogrip.protocol.messages import MAX_DATAGRAM_BYTES
 DTLS1_2 = 0xFEFD
 CIPHERS = b"ECDHE-ECDSA-AES128-GCM-SHA256:ECDHE-ECDSA-AES256-GCM-SHA384:ECDHE-ECDSA-CHACHA20-POLY1305"
 OPTIONS = SSL.OP_NO_RENEGOTIATION | SSL.OP_NO_TICKET | SSL.OP_NO_COMPRESSION | SSL.OP_NO_QUERY_MTU
-READ_BYTES = 1 << 14  # more than one call can produce
+READ_BYTES = 1 << 14  # bytes of one read: more than one call can produce
 
 NOT_TRUSTED = "the other end does not trust this certificate: its link has another fingerprint"
 WRONG_CERTIFICATE = "the certificate is not the one of the link"
 NO_CIPHER = "the two ends share no cipher: ECDHE with ECDSA and an AEAD is needed"
 NO_VERSION = "the other end does not speak DTLS 1.2"
 CLOSED = "the other end closed the DTLS association"
-ERROR_TEXTS = {  # our text -> parts of OpenSSL's text; the first text of which a part is found counts
+# our text, and the parts of OpenSSL's text that it stands for; the first text of which a part is found counts
+ERROR_TEXTS = {
     NOT_TRUSTED: ("alert unknown ca", "alert bad certificate"),
     WRONG_CERTIFICATE: ("certificate verify failed",),
     NO_CIPHER: ("handshake failure", "insufficient security", "no shared cipher", "no suitable signature algorithm"),
@@ -32,7 +33,8 @@ ERROR_TEXTS = {  # our text -> parts of OpenSSL's text; the first text of which 
     "the other end broke the handshake off": ("alert",),
 }
 OTHER_ERROR = "the handshake went wrong"
-FINAL = (NOT_TRUSTED, WRONG_CERTIFICATE, NO_CIPHER, NO_VERSION)  # another handshake would end in the same way
+FINAL = (NOT_TRUSTED, WRONG_CERTIFICATE, NO_CIPHER, NO_VERSION)
+"""Errors after which another handshake would end in the same way."""
 
 
 def server_context(

@@ -13,7 +13,8 @@ from cogrip.protocol.io.dtls import CLOSED, FINAL, Association, client_context
 from cogrip.protocol.io.dtls_session import SUITES, DtlsSession, export_keys, newest_number
 from cogrip.protocol.texts import shown
 
-PATIENCE_NS = (500_000_000, 700_000_000, 900_000_000)  # wait for an answer to handshake 1, 2, 3 and all later ones
+PATIENCE_NS = (500_000_000, 700_000_000, 900_000_000)
+"""Time to wait for an answer to handshake 1, 2, 3 and all later ones."""
 GIVE_UP_NS = 10_000_000_000
 SHOWN_DIGITS = 16
 NO_ANSWER_CURE = (

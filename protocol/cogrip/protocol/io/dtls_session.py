@@ -21,15 +21,15 @@ VERSION = b"\xfe\xfd"
 EPOCH = 1
 CLOSE_NOTIFY = b"\x01\x00"
 WINDOW = 64  # records behind the newest that may still come, once each
-SUITES = {  # OpenSSL's name: hash of its PRF, bytes of a key, of the implicit part of a nonce, of the part in the record
+SUITES = {  # by OpenSSL's name: hash of the PRF, bytes of a key, of a nonce's implicit part, of its part in the record
     "ECDHE-ECDSA-AES128-GCM-SHA256": ("sha256", 16, 4, 8),
     "ECDHE-ECDSA-AES256-GCM-SHA384": ("sha384", 32, 4, 8),
     "ECDHE-ECDSA-CHACHA20-POLY1305": ("sha256", 32, 12, 0),
 }
 TAG_BYTES, NONCE_BYTES = 16, 12
-_EPOCH_AT, _NUMBER_AT, _LENGTH_AT = 3, 5, 11  # in a record
-_MOST_BYTES = 2048  # of a record: no datagram is as long
-_ALL_SEEN = (1 << WINDOW) - 1  # compiled, a number of C
+_EPOCH_AT, _NUMBER_AT, _LENGTH_AT = 3, 5, 11  # places of epoch, number and length in a record
+_MOST_BYTES = 2048  # longest record: no datagram is longer
+_ALL_SEEN = (1 << WINDOW) - 1  # window in which all records have been seen; a C number once it is compiled
 
 
 class SessionKeys(msgspec.Struct, frozen=True):

@@ -22,29 +22,29 @@ from cogrip.protocol.line.energy_ledger import WaveLedger
 from cogrip.protocol.line.energy_sums import NOTHING
 from cogrip.protocol.square_root import square_root
 
-PerAxis = Sequence[float]  # one value an axis
+PerAxis = Sequence[float]  # one value for each axis
 
-COMPENSATION_FRACTION = 1.0 / 16.0  # of the deficit, in one frame
-COMPENSATION_LIMIT = 0.02  # sqrt(W) in one frame
+COMPENSATION_FRACTION = 1.0 / 16.0  # fraction of the deficit that `repaid` and `tank` play in one frame
+COMPENSATION_LIMIT = 0.02  # largest p of `repaid` and `tank` in one frame [sqrt(W)]
 FADE = 0.85  # A wave fades by this factor a frame: under `tank` in any gap, under `elastic` after HELD_S of it.
-RESERVE_FRAMES = 8.0  # of `tank`: frames like the last one that compensation leaves in the reserve
+RESERVE_FRAMES = 8.0  # frames like the last one for which compensation of `tank` leaves enough reserve
 
-HELD_S = (
-    0.25  # of a gap, in which a hand at rest is held; then its wave fades by FADE: whoever is silent for longer is gone
-)
-GAP_S = 0.125  # gap through which `held_force` is held: three of the mean bursts of a wireless network
+HELD_S = 0.25
+"""Longest part of a gap through which `elastic` holds the wave of a hand at rest. Then the wave fades by FADE: whoever is
+silent for longer is gone."""
+GAP_S = 0.125  # length of the gap through which `held_force` is held: three of the mean bursts of a wireless network
 
-# of `elastic`
+# Constants of `elastic`:
 BASE_HZ = 128.0  # frame rate at which the numbers below hold; at other rates they are converted to the same time
-ELASTIC_FADE = 0.93  # factor from frame to frame in a gap
-LAST_FADE = 0.75  # factor from frame to frame once no more than such a fade to the end is left to pay for
-SMOOTHING = 1.0 / 12.0  # of the difference between p and its target, in one frame
-DEFICIT_FRACTION = 1.0 / 32.0  # of the deficit, in one frame
-DISSIPATION_FRACTION = 1.0 / 8.0  # of the deficit, in one frame, where p lowers the energy of the wave
-ELASTIC_LIMIT = 0.1  # sqrt(W), largest p where it raises the energy of the wave
-YIELDING_GAIN = 0.4  # factor on sqrt(b) of the yielding end, at line_quality 0
-FULL_QUALITY = 0.99  # a line_quality above this is set to 1
-MOVING_FRACTION = 1.0 / 8.0  # of the wave: a hand with sqrt(2b) velocity above this has stillness 0
+ELASTIC_FADE = 0.93  # factor on the wave of a hand that moves, from frame to frame in a gap
+LAST_FADE = 0.75  # factor on x from frame to frame once the credit left pays for no more than such a fade to the end
+SMOOTHING = 1.0 / 12.0  # fraction of the difference between p and its target that p moves in one frame
+DEFICIT_FRACTION = 1.0 / 32.0  # target of p, as a fraction of the deficit
+DISSIPATION_FRACTION = 1.0 / 8.0  # target of p where it lowers the energy of the wave, as a fraction of the deficit
+ELASTIC_LIMIT = 0.1  # largest p where it raises the energy of the wave [sqrt(W)]
+YIELDING_GAIN = 0.4  # factor on sqrt(b) of the yielding end at line_quality 0
+FULL_QUALITY = 0.99  # line_quality above which it is set to 1
+MOVING_FRACTION = 1.0 / 8.0  # ratio of sqrt(2b) velocity to the wave above which a hand has stillness 0
 
 
 class Concealment:

@@ -16,15 +16,16 @@ from cogrip.machine.addition import add_floats
 from cogrip.protocol.line.jitter_buffer import DEEPEST, Frames
 from cogrip.protocol.rates import Rates
 
-_WHOLE = 1e-6  # ticks: a delay this close to a whole number is one, written in rounded milliseconds
+_WHOLE = 1e-6
+"""Difference to a whole number [ticks] below which a delay counts as whole: it was written in rounded milliseconds."""
 
 
 class OneWayDelay(NamedTuple):
     """Delay of one direction, stage by stage [device ticks]; the sum is a whole number."""
 
-    link_ticks: float  # as configured
-    tick_wait_ticks: float  # to the next device tick
-    frame_wait_ticks: float  # from there to the next frame border
+    link_ticks: float  # delay of the link, as configured
+    tick_wait_ticks: float  # wait for the next device tick
+    frame_wait_ticks: float  # wait from that tick to the next frame border
     playout_ticks: float
     ticks_per_frame: int
 
@@ -89,7 +90,7 @@ class Direction(Protocol):
 
 
 HELD_MS = (10.0, 30.0)  # additional delay of a datagram that is reordered, uniformly distributed
-_SLICES = 8  # of that range
+_SLICES = 8  # number of parts into which the range of HELD_MS is cut to integrate over it
 
 
 def line_delay(playout: PlayoutDelay, direction: Direction, rates: Rates) -> OneWayDelay:

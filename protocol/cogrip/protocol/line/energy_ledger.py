@@ -14,7 +14,7 @@ from cogrip.protocol.received_waves import ReceivedWaves
 from cogrip.protocol.square_root import square_root
 
 HISTORY = 1024  # frames for which the receiver still knows what it had played
-FIRST_ROWS = 32  # of the history at first; it grows up to HISTORY where totals arrive late
+FIRST_ROWS = 32  # rows of the history at first; it grows up to HISTORY where totals arrive late
 RESERVED_CREDIT = 0.5  # fraction of the credit that compensation leaves for the next gap
 
 

@@ -19,9 +19,11 @@ if TYPE_CHECKING:
 Row = tuple[float, ...]
 Number = TypeVar("Number", float, "NDArray[np.float64]")
 
-UNIT = 2.0**-53  # u, unit roundoff: an operation is off by at most this fraction of its result
-RESERVE_FRACTION = 2.0**-48  # 32 u of the squares sent; 22 u are needed: no energy reserve consists of rounding
-BOUND_FRACTION = 2.0**-50  # 8 u of what a bound on a wave is computed from: a root, its square, four sums of that size
+UNIT = 2.0**-53  # unit roundoff u: an operation is off by at most this fraction of its result
+RESERVE_FRACTION = 2.0**-48
+"""Fraction of the squares sent that is taken off a reserve, 32 u: 22 u are needed so that no reserve consists of rounding."""
+BOUND_FRACTION = 2.0**-50
+"""8 u, as a fraction of what a bound on a wave is computed from: a root, its square, four sums of that size."""
 
 NOTHING = (0.0,) * POSE_AXES
 

@@ -14,18 +14,18 @@ from bisect import bisect_left, bisect_right, insort
 from collections import deque
 from typing import Literal
 
-LATE_RUN = 16  # borders at which all that came was too late, before a fixed jitter buffer waits
+LATE_RUN = 16  # most borders in a row with only late frames before a fixed jitter buffer waits
 REALIGN_WINDOW = 128  # fresh datagrams that must agree before a fixed jitter buffer moves by one frame
 
-WINDOW = 1024  # frames whose lateness counts
-HALF_QUIET = 256  # frames: a delay that no frame has needed for this many, to twice as many, is given up
-START_S = 1.0 / 32.0  # playing begins with at most this many seconds of frames in hand
-SPACING = 16  # least frames from one skip to the next: meanwhile the deficit of the skip is compensated
-QUIET = 64  # frames for which the offset must be too large before a frame that has arrived is cut short
-TOLERANCE = (
-    2.0  # times the late rate of the settings: below it a receiver of whole frames never waits, its sender shifts
-)
-DEEPEST = 256  # frames
+WINDOW = 1024  # number of newest frames whose lateness counts
+HALF_QUIET = 256  # number of frames: a delay that none of so many, to twice as many, has needed is given up
+START_S = 1.0 / 32.0  # longest time of frames in hand with which playing begins
+SPACING = 16  # least number of frames from one skip to the next: meanwhile the deficit of the skip is compensated
+QUIET = 64  # number of frames for which the offset must be too large before a frame that has arrived is cut short
+TOLERANCE = 2.0
+"""Factor on the late rate of the settings. While fewer frames are late, a receiver of whole frames does not wait: its
+sender shifts."""
+DEEPEST = 256  # largest playout delay [frames]
 
 
 class JitterBuffer:

@@ -23,10 +23,11 @@ from cogrip.protocol.setting_types import Concealed
 from cogrip.protocol.square_root import square_root
 
 FURTHEST_JUMP = 1 << 14  # highest number of the newest frame in the first datagram of a line
-LATE = 0.01  # default rate of late frames
-MOST_FRAMES = 32  # of one datagram: the largest redundancy
+LATE = 0.01  # rate of late frames by default
+MOST_FRAMES = 32  # most frames of one datagram: the largest redundancy
 MOST_UNHEARD = 4
-"""Frames in a row without a wave, after which an overdue one is not played: the line would jump to it past the cross-fade."""
+"""Most frames in a row without a wave after which an overdue one is still played: later the line would jump to it past the
+cross-fade."""
 
 
 class LineReceiver:

@@ -3,7 +3,7 @@
 from cogrip.protocol.line.energy_sums import WaveSums
 from cogrip.protocol.setting_types import POSE_AXES
 
-NO_WAVES = (0.0,) * (32 * POSE_AXES)  # of the largest redundancy
+NO_WAVES = (0.0,) * (32 * POSE_AXES)  # waves of 0 for a datagram of the largest redundancy
 Frame = tuple[float, ...]  # one wave of all axes, shape (axes,) [sqrt(W)]
 
 

@@ -33,9 +33,10 @@ from cogrip.protocol.recording.scene_messages import (
 from cogrip.protocol.settings import Settings
 
 DERIVED = {"scene": SCENE_UPDATE, "tf": FRAME_TRANSFORMS, "forces": SCENE_UPDATE}
-"""Last part of a topic -> name of its schema."""
+"""Name of the schema, by the last part of the topic."""
 MOST_HZ = 32
-_SCENE_EVERY = MOST_HZ  # so that a viewer that begins anywhere has it within a second
+_SCENE_EVERY = MOST_HZ
+"""Pictures from one whole scene to the next, so that a viewer that begins anywhere has it within a second."""
 _step = msgspec.json.Decoder(Step).decode
 _geoms = msgspec.json.Decoder(Geoms).decode
 _poses = msgspec.json.Decoder(Poses).decode

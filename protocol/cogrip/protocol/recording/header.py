@@ -17,7 +17,8 @@ from cogrip.protocol.texts import shown
 from cogrip.protocol.version import VERSION
 
 NAME = "cogrip"
-CUT = "cogrip.cut"  # another metadata record: the end is missing, as the loop ended before it closed the recording
+CUT = "cogrip.cut"
+"""Name of another metadata record: the end is missing, as the loop ended before it closed the recording."""
 CHECK = "check"
 FORMAT = 1
 

@@ -28,9 +28,11 @@ MAGIC = b"\x89MCAP0\r\n"
 HEADER, FOOTER, SCHEMA, CHANNEL, MESSAGE, CHUNK, MESSAGE_INDEX = range(0x01, 0x08)
 ATTACHMENT, STATISTICS, METADATA, DATA_END = 0x09, 0x0B, 0x0C, 0x0F
 _IN_DATA = (HEADER, SCHEMA, CHANNEL, CHUNK, MESSAGE_INDEX, ATTACHMENT, METADATA, DATA_END)
-MOST_BYTES = 64 * 2**20  # of one record: more is a damaged length
-MOST_CHUNK_BYTES = 8 * 2**20  # in a chunk: the writer ends one at 64 KiB, and no tool makes them larger than 4 MiB
-MOST_PACKED = 100  # bytes that come of one: sessions are packed to a third, to a tenth where nothing moves
+MOST_BYTES = 64 * 2**20  # longest record: more is a damaged length
+MOST_CHUNK_BYTES = 8 * 2**20
+"""Largest content of a chunk: the writer ends one at 64 KiB, and no tool makes them larger than 4 MiB."""
+MOST_PACKED = 100
+"""Most bytes that one packed byte gives: sessions are packed to a third, to a tenth where nothing moves."""
 _FRAME = Struct("<BQ")
 _CHUNK = Struct("<QQQI")
 _MESSAGE = Struct("<HIQQ")
@@ -49,8 +51,8 @@ class RecordingError(ForeignFileError):
 
 
 class Message(NamedTuple):
-    topic: int  # place in the header's topics
-    time_ns: int  # on the recording's own clock
+    topic: int  # place of the topic in the header's topics
+    time_ns: int  # time on the recording's own clock
     payload: bytes
 
 

@@ -9,7 +9,7 @@ import msgspec
 
 from cogrip.protocol.drawing import Shape
 
-Number = float | None  # null where a number is not finite, or there is none
+Number = float | None  # a number; null where it is not finite, or there is none
 Row = tuple[Number, ...]
 
 
@@ -27,7 +27,7 @@ class TickHead(Record, frozen=True, gc=False):
     late_us: int  # how late this tick came
     work_us: int  # how long the work of the tick before took
     position_m: Row | None  # the sample as read; null: there was none, or it is in `unfit`
-    velocity_mps: Row  # of the device where it gives one, else estimated
+    velocity_mps: Row  # velocity that the device gives, else the estimated one
     force_n: Row  # F of P eq. 9, held until the next tick
     work_j: Number  # the hand's work against the force so far
     port_j: Number  # energy that went into the line so far
@@ -45,9 +45,9 @@ class Tick(TickHead, frozen=True, gc=False):
     object_m: Row  # the object as last received
     margin_j: Number = None  # least balance of the downlink so far; none without waves
     rtt_ms: Number = None
-    lost: int = 0  # frames from the server, so far
-    state: str = "live"  # of the client's safety
-    skipped: int = 0  # ticks, so far
+    lost: int = 0  # frames from the server that were lost, so far
+    state: str = "live"  # state of the client's safety
+    skipped: int = 0  # ticks that were skipped, so far
     playout_frames: float | None = None  # playout delay now; none without waves
     given_mps: Row | None = None  # the sample's own velocity where it is not `velocity_mps`
     unfit: tuple[tuple[str, ...], tuple[str, ...] | None] | None = None  # a sample with numbers that are not finite
@@ -55,10 +55,10 @@ class Tick(TickHead, frozen=True, gc=False):
     up_ms: Number = None  # one-way delays as last measured, as far as the clocks' offset is known
     down_ms: Number = None
     reserve_j: Number = None  # balance of the downlink, as of this frame: `margin_j` is its least; none without waves
-    buttons: int = 0  # of the sample: bit k, button k + 1 is down
-    orientation: Row | None = None  # of the handle, quaternion w, x, y, z
+    buttons: int = 0  # buttons of the sample: bit k, button k + 1 is down
+    orientation: Row | None = None  # orientation of the handle, quaternion w, x, y, z
     grip_m: Number = None  # opening of the gripper
-    device_reserve_j: Number = None  # that the device port may still give
+    device_reserve_j: Number = None  # energy that the device port may still give
 
 
 class Datagram(Record, frozen=True, gc=False):
@@ -82,7 +82,7 @@ class Answer(Record, frozen=True, gc=False):
     session: int = 0
     ticks: str = ""
     ticket: str = ""
-    grant: str = ""  # or the denial, as JSON text
+    grant: str = ""  # the grant, or the denial, as JSON text
     shown: str = ""  # id of the token that was shown with a ticket, as JSON text
 
 
@@ -109,10 +109,10 @@ class SeatStep(Record, frozen=True, gc=False):
     normal_n: Number = None  # contact forces at the seat's tool, and its slip; none without a scene
     friction_n: Number = None
     slip_m: Number = None
-    buttons: int = 0  # down, after the edges of this step
-    edges: tuple[int, ...] = ()  # that the world was given in this step: above 0 a button went down, below 0 up
-    edge_ticks: tuple[int, ...] = ()  # how long each had happened when it was sent, of the client's ticks
-    orientation: Row | None = None  # as told last
+    buttons: int = 0  # buttons that are down after the edges of this step
+    edges: tuple[int, ...] = ()  # edges that the world was given in this step: above 0 a button went down, below 0 up
+    edge_ticks: tuple[int, ...] = ()  # age of each edge when it was sent, in ticks of the client
+    orientation: Row | None = None  # orientation of the handle, as told last
     grip_m: Number = None
 
 
@@ -123,7 +123,7 @@ class Step(Record, frozen=True, gc=False):
     object_m: Row
     object_mps: Row
     seats: tuple[SeatStep, ...]
-    frames: int = 1  # more than 1 where the loop missed steps
+    frames: int = 1  # network frames in this step: more than 1 where the loop missed steps
     late_us: int = 0
     work_us: int = 0
     skipped: int = 0
@@ -133,7 +133,7 @@ class Geoms(Record, frozen=True, gc=False):
     """Shapes that a room's scene is drawn of: before its first poses, and where an offset has changed."""
 
     shapes: tuple[Shape, ...]
-    offsets_m: Row  # of each seat's own frame from the object's, three a seat
+    offsets_m: Row  # position of each seat's own frame less the object's, three numbers a seat
     left_out: tuple[str, ...] | msgspec.UnsetType = msgspec.UNSET  # what the scene has and the shapes do not say
 
 
@@ -202,7 +202,7 @@ KINDS: dict[str, type[Record]] = {
     "clock": Clock,
     "gap": Gap,
 }
-"""Last part of a topic -> record."""
+"""Record, by the last part of the topic."""
 
 
 def kind_of(topic: str) -> str:

@@ -19,8 +19,8 @@ SCENE_UPDATE, FRAME_TRANSFORMS = "foxglove.SceneUpdate", "foxglove.FrameTransfor
 _encode = msgspec.json.Encoder().encode
 _DIGITS = 7
 _SHAFT_M, _HEAD_M = 0.003, 0.008
-_PLANE_M, _NO_END_M = 0.001, 2.0  # thickness; side of a plane without an end
-_ALL = 1  # of a deletion
+_PLANE_M, _NO_END_M = 0.001, 2.0  # thickness of a plane, and side of one without an end
+_ALL = 1  # number that stands for all entities in a deletion
 _LINE_STRIP, _LINE_LIST = 0, 2
 
 
@@ -425,4 +425,4 @@ SCHEMAS: dict[str, bytes] = {
     SCENE_UPDATE: json_schema(SceneUpdate),
     FRAME_TRANSFORMS: json_schema(FrameTransforms),
 }
-"""Name of a schema -> JSON schema, as text, of the part that is used."""
+"""JSON schema of the part that is used, as text, by the name of the schema."""

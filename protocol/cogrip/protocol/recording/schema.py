@@ -11,7 +11,7 @@ import msgspec
 from msgspec import inspect
 
 NOT_SHOWN = ("unfit", "triangles", "colours", "points", "period_m", "left_out")
-"""Fields that are in the messages and in no schema: an array of arrays; those that only a mesh has."""
+"""Fields of messages that no schema has: an array of arrays, and those that few shapes or scenes have."""
 
 _NAMES = {
     inspect.IntType: "integer", inspect.FloatType: "number", inspect.StrType: "string", inspect.BoolType: "boolean",
@@ -20,7 +20,7 @@ UNITS = {
     "mps": "m/s", "npm": "N/m", "nspm": "N s/m", "us": "µs", "ms": "ms", "ns": "ns", "m": "m", "n": "N", "j": "J", "s": "s",
     "frames": "network frames", "ticks": "device ticks",
 }  # fmt: skip
-"""End of a field's name -> its unit."""
+"""Unit of a field, by the end of its name."""
 _OTHER_UNITS = {"wave_up": "sqrt(W)", "wave_down": "sqrt(W)", "ticks": "", "frames": ""}
 
 DESCRIPTIONS = {

@@ -10,8 +10,8 @@ import msgspec
 from cogrip.protocol import messages
 from cogrip.protocol.messages import Hello, Welcome
 
-HEAD_BYTES = 24  # in which a hello's magic stands, however its array and tag are written
-FIRST_TAG, LAST_TAG = 3, 10  # of the messages that hold no secret
+HEAD_BYTES = 24  # bytes in which a hello's magic stands, however its array and tag are written
+FIRST_TAG, LAST_TAG = 3, 10  # range of the tags of messages that hold no secret
 TicketHash = Callable[[str], str]
 
 

@@ -18,9 +18,9 @@ from mcap.records import Channel, ChunkIndex, Footer, McapRecord, MetadataIndex,
 
 from cogrip.machine.addition import add_integers
 
-_FOOTER_HEAD = Struct("<BQQQ")  # what the summary's checksum covers of the footer: all before the checksum itself
+_FOOTER_HEAD = Struct("<BQQQ")  # part of the footer that the summary's checksum covers: all before the checksum itself
 _FOOTER_BYTES = 20
-HELD_BYTES = 64 * 1024  # of a spool, in memory
+HELD_BYTES = 64 * 1024  # bytes of a spool that are held in memory
 
 
 def record_bytes(record: McapRecord) -> bytes:

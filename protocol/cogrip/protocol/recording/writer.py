@@ -29,15 +29,15 @@ from cogrip.protocol.recording.summary import Summary, record_bytes
 CHUNK_BYTES = 64 * 1024
 LIBRARY = "cogrip"
 COMPRESSION = "zstd"
-LEVEL = 1  # of the compression: 2 % smaller for such records than the library's 3, in two thirds of its time
-# An enumeration's members are slow to come by.
+LEVEL = 1  # level of the compression: records get 2 % smaller than with the library's 3, in two thirds of its time
+# Numbers, since members of an enumeration are slow to come by.
 _OPCODE, _CHUNK_OPCODE, _INDEX_OPCODE = int(Opcode.MESSAGE), int(Opcode.CHUNK), int(Opcode.MESSAGE_INDEX)
 _CHUNK = Struct(f"<BQQQQII{len(COMPRESSION)}sQ")
-_RECORD_BYTES = 9  # of a record before its contents: opcode and length
+_RECORD_BYTES = 9  # bytes of a record before its contents: opcode and length
 _MESSAGE = Struct("<BQHIQQ")
-_MESSAGE_BYTES = 22  # of its record before the text
+_MESSAGE_BYTES = 22  # bytes of a message's record before the text
 _INDEX = Struct("<BQHI")
-_INDEX_BYTES = 6  # of its record before the entries
+_INDEX_BYTES = 6  # bytes of an index record before the entries
 
 
 class RecordingWriter:

@@ -24,14 +24,14 @@ from cogrip.results.summary_values import number as plain
 from cogrip.results.traces import MOST_PEOPLE, Run
 
 _MOST_PAIRS = 6
-_HALF = 3  # of them are drawn dark
-_HIGHEST_HZ = 20.0  # hands move below 10 Hz; what lies above is the devices
+_HALF = 3  # number of pairs that are drawn dark
+_HIGHEST_HZ = 20.0  # highest frequency that is shown: hands move below 10 Hz, what lies above is the devices
 _SEGMENT_S = 2.0
 _LEAST_S = 1.0
 _LEAST_SEGMENTS = 4
 _FURTHEST_LAG_S = 1.0
 _STILL_MPS = 1e-6
-_BETTER = 0.01  # a lag that gains less is not worth telling
+_BETTER = 0.01  # least gain in correlation for which a lag is told
 
 
 class Movement(NamedTuple):

@@ -29,7 +29,7 @@ from cogrip.results.plots.style import (
 from cogrip.results.summary_values import lent_j
 from cogrip.results.traces import Run
 
-MOST_ROWS = 6  # people that are drawn
+MOST_ROWS = 6  # most people that are drawn
 _BROADEST, _FINEST = 3.0, 1.0  # line widths of the first run and of the last
 _PALEST = 0.45  # share of the colour in the first run's line
 _LONGEST_NAME = 40

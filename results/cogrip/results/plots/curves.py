@@ -9,11 +9,11 @@ from cogrip.results.plots.style import ALARM, DASHED, Array, Legend, NotDrawnErr
 from cogrip.results.traces import MOST_PEOPLE, Run
 
 Window = tuple[float, float]
-PROXY: Style = {"lw": 1.2, "ls": DASHED, "mfc": "white"}  # the object's end
+PROXY: Style = {"lw": 1.2, "ls": DASHED, "mfc": "white"}  # style of the proxy, the object's end
 DETAIL_S = 5.0
-_LONG_RUN_S = 30.0  # a longer one shows its shape only, so a detail stands beside it
-_SHORTEST_S = 1e-3  # an axis needs some length
-_LEAST_SPAN_J = 1e-5  # and height: below it lies rounding
+_LONG_RUN_S = 30.0  # length above which a run shows its shape only, so that a detail stands beside it
+_SHORTEST_S = 1e-3  # shortest time axis: an axis needs some length
+_LEAST_SPAN_J = 1e-5  # least height of an energy axis: below it lies rounding
 
 
 class Line(NamedTuple):

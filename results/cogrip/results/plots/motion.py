@@ -34,7 +34,7 @@ from cogrip.results.summary_values import traits_of
 from cogrip.results.traces import Run, Trace
 
 _TURNING = {"mm": "mrad", "N": "N m"}
-_GROUPS = 1500  # of frames, for the pale band behind the waves
+_GROUPS = 1500  # most groups of frames for the pale band behind the waves
 _SOLID: Style = {"color": FAINT}
 _DASHED: Style = {"color": FAINT, "ls": DASHED}
 _OBJECT: Style = {"color": INK, "lw": 2.2, "alpha": 0.75}

@@ -18,8 +18,8 @@ from cogrip.results.plots.style import (
 )  # fmt: skip
 from cogrip.results.traces import Run
 
-MOST_BODIES = 8  # more are not told apart
-_LEAST_MM, _LEAST_DEG, _LEAST_N, _LEAST_SLIP_MM = 1.0, 1.0, 0.1, 0.001  # heights of panels: below lies rounding
+MOST_BODIES = 8  # most bodies that are drawn: more are not told apart
+_LEAST_MM, _LEAST_DEG, _LEAST_N, _LEAST_SLIP_MM = 1.0, 1.0, 0.1, 0.001  # least heights of panels: below lies rounding
 _AXES = 3
 _POSE = 7
 

@@ -21,21 +21,22 @@ Array = NDArray[np.float64]
 Style = dict[str, Any]
 Legend = Sequence[tuple[str, Style]]
 
-_MARKERS = "osD^vPX"  # one more than the palette has: no two people share colour and marker
-_MARKED = 10  # markers on a line
-INK = "#1f2328"  # the object, the server, text
+_MARKERS = "osD^vPX"  # markers of people, one more than the palette has colours: no two people share colour and marker
+_MARKED = 10  # number of markers on a line
+INK = "#1f2328"  # colour of the object, the server and text
 FAINT = "#8b949e"
 ALARM = "#b3261e"
-AXIS_NAMES = ("x", "y", "z", "rx", "ry", "rz")  # the last three turn
+AXIS_NAMES = ("x", "y", "z", "rx", "ry", "rz")  # names of the axes; the last three turn
 WIDTH_IN = 10.0
-LEFT_IN, LABEL_IN = 0.75, 0.57  # the margin left of a panel, and in it the lower edge of its vertical axis's label
-LINE_IN = 0.17  # that a label's second line takes, and each one after it
-DPI = 130  # 1300 px: sharp when shown 1000 px wide
+LEFT_IN, LABEL_IN = 0.75, 0.57
+"""Margin left of a panel, and in it the place of the lower edge of its vertical axis's label."""
+LINE_IN = 0.17  # room that each further line of a label takes
+DPI = 130  # dots an inch, so that a picture is 1300 px wide: sharp when shown 1000 px wide
 DASHED, DOTTED = (0, (4, 1.5)), (0, (1, 1))
 LINES: tuple[Any, ...] = ("-", DASHED, (0, (6, 1.5, 1, 1.5)), DOTTED, (0, (9, 2)), (0, (3, 1, 1, 1, 1, 1)))
-_BUCKETS = 900  # of a minimum and a maximum each: finer than a pixel
+_BUCKETS = 900  # most buckets of a line, with a minimum and a maximum each: finer than a pixel
 _STRETCHES = 150
-LEAST_SPAN = 1e-6  # of an axis, in its own unit (N, mm, mJ): rounding is not magnified
+LEAST_SPAN = 1e-6  # least span of an axis, in its own unit (N, mm, mJ): rounding is not magnified
 
 
 class NotDrawnError(Exception):

@@ -25,7 +25,7 @@ from cogrip.results.plots.style import (
 from cogrip.results.traces import MOST_PEOPLE, Run, Trace
 
 _PER_DECADE = 12
-_FLOOR_US = 0.1  # a tick that is no later than this stands in the first bin
+_FLOOR_US = 0.1  # lateness of the first bin: a tick that is no later than this stands in it
 
 
 def link(run: Run) -> Figure:

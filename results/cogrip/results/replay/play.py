@@ -174,7 +174,7 @@ class ReplayedAuthenticator:
 
 
 PLAYS: dict[str, Callable[[ReplayInput, Sink], Play]] = {"client": ClientPlay, "server": ServerPlay}
-"""By the role in a recording's header."""
+"""Play by the role in a recording's header."""
 
 
 def _told(replay_input: ReplayInput, query: Literal["session", "ticket", "grant", "shown", "ticks"]) -> Any:

@@ -17,7 +17,7 @@ from cogrip.results.traces import Run, load_run
 
 KIND = "comparison"
 _MARK = f'content="cogrip {KIND}"'
-_MARK_WITHIN = 1000  # bytes of the page's head
+_MARK_WITHIN = 1000  # bytes of the page's head within which the mark stands
 
 
 class Comparison(NamedTuple):

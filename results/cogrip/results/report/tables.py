@@ -149,7 +149,7 @@ def _skipped(loop: dict[str, Any]) -> str:
     return number(due - run, digits=0) if isinstance(due, int) and isinstance(run, int) else UNKNOWN
 
 
-# (heading, unit, how to show it); a heading alone begins a group
+# One line of a table: heading, unit, how to show it. A heading alone begins a group.
 _Line = tuple[str, str, Show]
 _LOOP: tuple[_Line, ...] = (
     ("ticks run", "", lambda loop: share(ticks_share(loop.get("ticks")))),
@@ -217,7 +217,7 @@ _PERSON: tuple[_Line | str, ...] = (
     "Loop",
     *_LOOP,
 )
-_PEAKS: dict[str, _Line] = {  # behind that of the force, where somebody's hand turns or grips
+_PEAKS: dict[str, _Line] = {  # lines behind the peak force, where somebody's hand turns or grips
     "peak_torque_nm": ("peak torque", "N m", _at("peak_torque_nm", digits=3)),
     "peak_grip_n": ("peak force of the gripper", "N", _at("peak_grip_n", digits=2)),
 }
@@ -350,7 +350,7 @@ _WHOSE = {
     ),
 }  # fmt: skip
 _EMPTY: tuple[Any, ...] = (None, "", [], (), {})
-_SHORT = 8  # letters of a number that stands as it is
+_SHORT = 8  # most letters of a number that stands as it is
 
 
 def plain(value: Any, key: str = "") -> str:

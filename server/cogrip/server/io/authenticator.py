@@ -24,9 +24,9 @@ from cogrip.server.tokens import BookReading, TokenBook, UnknownTokenError
 
 READING = "many tokens have changed, and are read between the ticks; then sessions of revoked ones end"
 CLOSE_LIMIT_S = 10.0
-WATCH_S = 0.5  # between two looks at the file
-PAUSE_S = 0.001  # between two slices of a reading by a thread: one that only computes keeps the interpreter for 5 ms
-AGAIN_S = 5.0  # after which what could not be written is tried again
+WATCH_S = 0.5  # time between two looks at the file
+PAUSE_S = 0.001  # pause of a reading thread between two slices: one that only computes keeps the interpreter for 5 ms
+AGAIN_S = 5.0  # time after which what could not be written is tried again
 
 
 class TokenChange(NamedTuple):

@@ -9,9 +9,9 @@ from types import FrameType
 from cogrip.server.io.platform import alarm
 from cogrip.server.worlds.guarded import TooLongError
 
-COMPUTE_LIMIT_S = 0.25  # of processor time: a busy machine, or one that stood still, ends no world
-WAIT_LIMIT_S = 1.0  # of the clock: other rooms wait for so long, once
-LOOKS = 5  # at both, within the shorter of the two
+COMPUTE_LIMIT_S = 0.25  # longest processor time of a call: a busy machine, or one that stood still, ends no world
+WAIT_LIMIT_S = 1.0  # longest time of a call by the clock: other rooms wait for so long, once
+LOOKS = 5  # number of looks at both clocks within the shorter of the two limits
 
 
 def too_long(computed_s: float, waited_s: float) -> bool:

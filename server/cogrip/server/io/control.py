@@ -22,15 +22,15 @@ from cogrip.server.roster import RosterEntry
 
 MOST_REQUEST_BYTES = 4096
 MOST_ANSWER_BYTES = 65536
-MOST_CALLERS = 8  # at once; further ones wait in the socket's queue
+MOST_CALLERS = 8  # most callers at once; further ones wait in the socket's queue
 CALLER_LIMIT_NS = 5_000_000_000
 ASK_LIMIT_S = 5.0
 _QUEUE_WAIT_S = 0.01
-NO_ROOM = (errno.ENOSPC, errno.EDQUOT, errno.EROFS, errno.EIO)  # of a folder that may take files again
+NO_ROOM = (errno.ENOSPC, errno.EDQUOT, errno.EROFS, errno.EIO)  # error numbers of a folder that may take files again
 AGAIN_NS = 5_000_000_000
-MOST_PATH_BYTES = 103  # of a unix socket: 107 on Linux, 103 on macOS
+MOST_PATH_BYTES = 103  # longest path of a unix socket on every system: 107 bytes on Linux, 103 on macOS
 
-MOST_WORD, MOST_REASON = 40, 200  # characters
+MOST_WORD, MOST_REASON = 40, 200  # most characters of a word, and of a reason
 Word = Annotated[str, msgspec.Meta(max_length=MOST_WORD)]
 Words = Annotated[str, msgspec.Meta(max_length=MOST_REASON)]
 
@@ -51,16 +51,16 @@ class Kick(Order, frozen=True, tag="kick"):
     """End the sessions of this name."""
 
     user: Word
-    room: Word = ""  # "" whichever
+    room: Word = ""  # name of the room; "" whichever
     reason: Words = ""
-    revoke: bool = False  # their token too
+    revoke: bool = False  # void their token too
 
 
 class Mark(Order, frozen=True, tag="mark"):
     """Set a marker."""
 
     text: Words
-    room: Word = ""  # "" every room
+    room: Word = ""  # name of the room; "" every room
 
 
 class SetHand(Order, frozen=True, tag="set"):
@@ -68,7 +68,7 @@ class SetHand(Order, frozen=True, tag="set"):
 
     user: Word
     change: HandChange
-    room: Word = ""  # "" whichever
+    room: Word = ""  # name of the room; "" whichever
 
 
 class Reload(Order, frozen=True, tag="reload"):
@@ -82,7 +82,7 @@ class Status(Order, frozen=True, tag="status"):
 class Who(Order, frozen=True, tag="who"):
     """Return the roster."""
 
-    room: Word = ""  # "" every room
+    room: Word = ""  # name of the room; "" every room
 
 
 class Drain(Order, frozen=True, tag="drain"):

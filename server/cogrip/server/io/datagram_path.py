@@ -6,11 +6,12 @@ from cogrip.server import inputs
 from cogrip.server.core import ServerCore
 from cogrip.server.io.udp_port import DatagramPort, ServerChannel
 
-MOST_AT_ONCE = 1024  # datagrams that are received before a tick: a flood beyond that is the kernel's to drop
-CLOCK_EVERY = 32  # datagrams between two readings of the clock
-EARLY_CLOCK_EVERY = 4  # ahead of a step, which they may make so much late
-AWAY_NS = 500_000_000  # a loop that is as late had no processor: its people have become silent, and try other paths
-AWAY_LIMIT_NS, AWAY_MOST = 100_000_000, 4096  # in place of the two bounds then; more than a socket's buffer holds
+MOST_AT_ONCE = 1024  # most datagrams that are received before a tick: a flood beyond that is the kernel's to drop
+CLOCK_EVERY = 32  # number of datagrams between two readings of the clock
+EARLY_CLOCK_EVERY = 4  # number of datagrams between two readings ahead of a step: so many may make it late
+AWAY_NS = 500_000_000  # lateness of a loop that had no processor: its people have become silent, and try other paths
+AWAY_LIMIT_NS, AWAY_MOST = 100_000_000, 4096
+"""Bounds on time and datagrams in place of the usual ones after such a lateness; more than a socket's buffer holds."""
 
 
 class DatagramPath:

@@ -38,18 +38,19 @@ from cogrip.server.rate_limit import Buckets, Budget, RateLimiter
 from cogrip.server.unencrypted_channel import ENCRYPTED_ONLY, looks_like_hello
 
 MOST_OPEN = 1024
-MOST_UNSEATED = 128  # associations without a seat: half open, or open
-MOST_ASKED = 24  # datagrams of an association without a seat: a client says hello four times a second, for five seconds
-MOST_SHAKING = 24  # datagrams of a handshake: two flights of a client, one datagram each, and what is repeated
-MOST_REPEATS = 4  # of the server's last flight
-MOST_RECORDS = 4  # messages taken from one datagram
-MOST_LEFT = 1024  # datagrams after a seat has ended: waves that were under way, and the account
+MOST_UNSEATED = 128  # most associations without a seat, half open or open
+MOST_ASKED = 24
+"""Most datagrams of an association without a seat: a client says hello four times a second, for five seconds."""
+MOST_SHAKING = 24  # most datagrams of a handshake: two flights of a client, one datagram each, and what is repeated
+MOST_REPEATS = 4  # most repetitions of the server's last flight
+MOST_RECORDS = 4  # most messages that are taken from one datagram
+MOST_LEFT = 1024  # most datagrams after a seat has ended: waves that were under way, and the account
 WAITS_NS = 5_000_000_000  # time for a handshake, then for a seat
 HELLO_WAITS_NS = 3_000_000_000  # time for the first message after a handshake
 SWEEP_EVERY_NS = 500_000_000
-TRIM_AFTER = 64  # handshakes of some 90 kB each, which malloc keeps
-REPORTED = Budget(1, 10)  # events; others are only counted, so that nobody can fill a log
-MOST_EVENTS = 64  # that wait to be reported
+TRIM_AFTER = 64  # number of handshakes after which memory is given back: malloc keeps some 90 kB of each
+REPORTED = Budget(1, 10)  # budget of reported events; others are only counted, so that nobody can fill a log
+MOST_EVENTS = 64  # most events that wait to be reported
 UNFINISHED = "records came where the end of the handshake must"
 
 

@@ -9,7 +9,7 @@ from cogrip.server.core import ServerCore
 from cogrip.server.io.control import Request, SetHand
 from cogrip.server.participants import Seat
 
-ANSWER_NS = 3_000_000_000  # for which a client may take: less than the one who asks waits
+ANSWER_NS = 3_000_000_000  # longest time that a client may take to answer: less than the one who asks waits
 
 REASONS = " (its client has no such thing, or its device no handle mass, or a button holds the clutch)"
 

@@ -24,9 +24,9 @@ from cogrip.server.room import Room
 from cogrip.server.roster import MOST_LISTED, RosterEntry, roster_of
 from cogrip.server.snapshot import Snapshot, SnapshotMaker
 
-EVERY_NS = 500_000_000  # checkpoints and metrics
-EARLIER_SUFFIX = ".json"  # of checkpoints before they were overwritten in place
-POLL_EVERY_NS = 50_000_000  # for orders
+EVERY_NS = 500_000_000  # time between two writings of checkpoints and metrics
+EARLIER_SUFFIX = ".json"  # ending of the checkpoints of earlier versions, which were not overwritten in place
+POLL_EVERY_NS = 50_000_000  # time between two looks for orders
 TURNS = EVERY_NS // POLL_EVERY_NS
 
 Say = Callable[[ServerEvent], None]

@@ -15,7 +15,7 @@ from cogrip.server.snapshot import LENGTH_BYTES, Snapshot, encode
 START_LIMIT_S = 20.0
 END_LIMIT_S = 5.0
 START_AGAIN_NS = 60_000_000_000
-PIPE_BYTES = 1 << 20  # of a server of thousands; the usual 64 KiB hold some 400 people
+PIPE_BYTES = 1 << 20  # size of the pipe, for a server of thousands; the usual 64 KiB hold some 400 people
 PROGRAM = (sys.executable, "-P", "-m", "cogrip.server.io.metrics_process")
 
 

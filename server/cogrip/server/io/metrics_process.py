@@ -26,10 +26,11 @@ from cogrip.server.io.metrics_families import families
 from cogrip.server.io.platform import be_nice
 from cogrip.server.snapshot import LENGTH_BYTES, Health, RoomSnapshot, Snapshot, decode
 
-MOST_BYTES = 1 << 26  # longer ones are not the server's
-MOST_AT_ONCE = 16  # connections, each with a thread: a service has few
-ASK_LIMIT_S = 5.0  # for a whole connection
-HOSTS = ("127.0.0.1", "localhost", "")  # a page elsewhere that has its name point here is not answered
+MOST_BYTES = 1 << 26  # longest snapshot; longer ones are not the server's
+MOST_AT_ONCE = 16  # most connections at once, each with a thread: a service has few
+ASK_LIMIT_S = 5.0  # longest time of a whole connection
+HOSTS = ("127.0.0.1", "localhost", "")
+"""Names under which the service is asked: a page elsewhere that has its name point here is not answered."""
 
 
 class Latest:
@@ -138,7 +139,7 @@ class MetricsServer(ThreadingHTTPServer):
 
     daemon_threads = True
     block_on_close = False
-    _open: dict[socket.socket, float]  # since when [s]
+    _open: dict[socket.socket, float]  # time at which each connection was opened [s]
 
     def __init__(self, port: int, latest: Latest) -> None:
         self.latest = latest

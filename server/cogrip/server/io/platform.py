@@ -18,7 +18,7 @@ from typing import IO
 if sys.platform == "win32":
     POSIX = False
     NO_WAIT = NO_LINK = 0
-    OUT_OF_PROCESSOR = -(2**31)  # exit status that nothing has
+    OUT_OF_PROCESSOR = -(2**31)  # exit status that no process has
 
     def set_mode(fd: int, mode: int) -> None:
         """Do nothing: there are no modes."""

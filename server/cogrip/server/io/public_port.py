@@ -19,7 +19,7 @@ from cogrip.server.io.workers.link import PeerAddress
 from cogrip.server.rate_limit import Buckets, Budget
 
 POLL_EVERY_NS = 50_000_000
-MOST_AT_ONCE = 256  # datagrams between two looks at the workers
+MOST_AT_ONCE = 256  # most datagrams between two looks at the workers
 REPORTED = Budget(1, 40)
 
 

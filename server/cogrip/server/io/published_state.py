@@ -8,7 +8,7 @@ from collections.abc import Callable
 from cogrip.server.io.checkpoint_file import WriterThread
 from cogrip.server.io.state_folder import StateError
 
-AGAIN_NS = 5_000_000_000  # after a failure
+AGAIN_NS = 5_000_000_000  # time to the next try after a failure
 PROVE_EVERY_NS = 60_000_000_000
 
 

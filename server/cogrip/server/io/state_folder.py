@@ -21,9 +21,9 @@ from cogrip.server.io import platform
 
 FOLDER_MODE = 0o700
 FILE_MODE = 0o600
-SHARED = "shared"  # link to the folder that the servers of a cluster share
-MOST_BYTES = 4 * 2**20  # of a file that is read back
-LEAKED = ", and think whether its secrets are known by now"  # said of what may hold some
+SHARED = "shared"  # name of a link to the folder that the servers of a cluster share
+MOST_BYTES = 4 * 2**20  # longest file that is read back
+LEAKED = ", and think whether its secrets are known by now"  # end of a line about a file that may hold secrets
 _LOOK_AGAIN_S = 0.005
 
 
@@ -62,10 +62,11 @@ class StateFolder:
 class ServerRecord(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     """Record of a server for the commands, `server.json`. It stays when the server ends."""
 
-    host: str  # by which people reach it
+    host: str  # name or address by which people reach the server
     port: Annotated[int, msgspec.Meta(ge=1, le=65535)]
-    fingerprint: Annotated[str, msgspec.Meta(pattern=r"^([0-9a-f]{64})?\Z")]  # "" unencrypted
-    rooms: dict[str, list[str]]  # seats of each
+    # fingerprint of the certificate; "" unencrypted
+    fingerprint: Annotated[str, msgspec.Meta(pattern=r"^([0-9a-f]{64})?\Z")]
+    rooms: dict[str, list[str]]  # seats of each room, by its name
     pid: Annotated[int, msgspec.Meta(ge=1)]
 
 

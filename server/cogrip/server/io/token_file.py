@@ -10,7 +10,7 @@ from cogrip.server.io.state_folder import StateError, StateFolder, locked, read_
 from cogrip.server.tokens import READ_AT_ONCE, BookReading, Token, TokenBook, TokenError, encode_book
 
 LOCK_LIMIT_S = 5.0
-Stamp = tuple[int, int, int, int]  # mtime [ns], ctime [ns], size, inode
+Stamp = tuple[int, int, int, int]  # mtime [ns], ctime [ns], size and inode of the file
 
 _Result = TypeVar("_Result")
 

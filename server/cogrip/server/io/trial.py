@@ -19,9 +19,9 @@ from contextlib import suppress
 
 from cogrip.server.io.platform import FORKS, OUT_OF_PROCESSOR, end_at_once, fork_awaited, limit_memory, limit_processor
 
-MEMORY_BYTES = 2**30  # that it may take, beyond what this process has
+MEMORY_BYTES = 2**30  # memory that the trial may take, beyond what this process has
 PROCESSOR_S = 10
-CLOCK_S = 120.0  # a machine may be busy
+CLOCK_S = 120.0  # longest time of the trial by the clock: a machine may be busy
 MOST_ANSWER_BYTES = 65536
 
 

@@ -19,8 +19,8 @@ import serial
 Signal = Literal["rts", "dtr", "byte"]
 
 BAUD = 115_200
-PULSE_S = 0.01  # for which a line stays up, or until 0 follows a byte
-CODES = 255  # bytes 1 to 255 in turn; 0 is rest
+PULSE_S = 0.01  # time for which a line stays up, or until 0 follows a byte
+CODES = 255  # number of codes, bytes 1 to 255 in turn; 0 is rest
 MOST_WAITING = 64
 WRITE_LIMIT_S = 0.5
 END_S = 2.0

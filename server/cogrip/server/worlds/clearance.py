@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from cogrip.server.worlds.local_geometry import LocalGeometry
 from cogrip.server.worlds.scene_file import Scene
 
-NEAR_M = 0.005  # as far as contacts are looked for
+NEAR_M = 0.005  # distance within which contacts are looked for
 _PLANE, _FIELD = int(mujoco.mjtGeom.mjGEOM_PLANE), int(mujoco.mjtGeom.mjGEOM_HFIELD)
 _Array = NDArray[np.float64]
 

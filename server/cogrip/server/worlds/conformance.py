@@ -19,16 +19,16 @@ from cogrip.server.worlds.orientation_drift import SHARE
 from cogrip.server.worlds.world import Array, Row, World, WorldError, displacement, dot
 
 SESSIONS = 12
-FRAMES = 640  # of a session: 5 s at 128 Hz
+FRAMES = 640  # number of frames of a session: 5 s at 128 Hz
 ALONE_FROM, ALONE_TO = 400, 540  # frames in which nobody holds anything
-MOST_MADE_J = 1e-5  # in any stretch of a session
+MOST_MADE_J = 1e-5  # most energy that a world may make in any stretch of a session
 SAME_M = 1e-9
-SUBSTEPS_RAD = 1e-4  # by which a turn in steps differs from that at their mean rate
+SUBSTEPS_RAD = 1e-4  # largest difference between a turn in steps and one at their mean rate
 MOST_DRIFT_RAD = 0.1
 COST_FRAMES = 1000
-FRAME_SHARE = 0.5  # of a frame that p99 of a step may take: the server has more to do
-REACHES_M = (0.0, 0.03, -0.05)  # where a hand is when it takes hold
-MOST_TURNED_RAD = pi  # by which it is turned then
+FRAME_SHARE = 0.5  # share of a frame that p99 of a step may take: the server has more to do
+REACHES_M = (0.0, 0.03, -0.05)  # places of a hand when it takes hold, in turn
+MOST_TURNED_RAD = pi  # largest angle by which a hand is turned when it takes hold
 
 
 class UnfitError(AssertionError):

@@ -15,7 +15,7 @@ from dataclasses import dataclass
 from math import sqrt
 
 START_J = 1e-3
-MOST_J = 50e-3  # above what contacts store
+MOST_J = 50e-3  # largest level of the limiter: more than contacts store
 
 
 @dataclass(slots=True)

@@ -27,13 +27,14 @@ from cogrip.server.worlds.world import REACH_M, Array, Row, World, WorldError, d
 
 T = TypeVar("T")
 
-MOST_HELD_J = 1.0  # at first, as people may get it
-LEAST_J = -1e-9  # rounding about 0
-MOST_WAVE = 1e3  # sqrt(W): 0.5 MW
-MOST_PLACE = 1e3  # m, m/s: an object is put back long before
-MOST_EVENTS = 8  # of one step
-MOST_GIVEN = 4 * MOST_EFFECTS  # effects of one step: a person has fewer, and looking at each takes time
-MOST_SAVED = 10_000  # numbers: a checkpoint holds them
+MOST_HELD_J = 1.0  # most energy that a world may hold at first, as people may get it
+LEAST_J = -1e-9  # least energy that counts as 0, for rounding
+MOST_WAVE = 1e3  # largest wave [sqrt(W)]: 0.5 MW
+MOST_PLACE = 1e3  # largest place [m] and velocity [m/s]: an object is put back long before
+MOST_EVENTS = 8  # most events that are taken of one step
+MOST_GIVEN = 4 * MOST_EFFECTS
+"""Most effects that are taken of one step: a person has fewer, and looking at each takes time."""
+MOST_SAVED = 10_000  # most numbers of a saved state: a checkpoint holds them
 
 
 class TooLongError(BaseException):

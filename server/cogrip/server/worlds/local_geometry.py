@@ -16,7 +16,7 @@ from cogrip.server.worlds.scene_file import Scene
 from cogrip.server.worlds.scene_grips import held_by_equality
 
 _CENTRED_M = 1e-9
-_MOST_M = 1e3  # bounds of a shape (`SPEC.md` section 3.15)
+_MOST_M = 1e3  # largest number of a shape (`SPEC.md` section 3.15)
 _G = mujoco.mjtGeom
 _SPHERE = int(_G.mjGEOM_SPHERE)
 _RENDERED: dict[int, ShapeKind] = {

@@ -26,10 +26,11 @@ from cogrip.server.worlds.scene_text import SceneError
 from cogrip.server.worlds.world import Array, Row, check_saved
 
 RELEASE_S = 0.25
-MOST_ADVANCES = 8  # in which a tool goes to its proxy in a frame, each as far as it is clear
+MOST_ADVANCES = 8  # most advances of a tool to its proxy in a frame, each as far as it is clear
 CLOSE_M = 2e-4  # gap below which a tool is engaged; it goes on its way until half of it is left
-OUT_M = 1e-6  # that a tool is put outside of what is fixed
-MOST_OUT_M = 1e-3  # by which it is put there: what is deeper in touches nothing until it has left (`solid`)
+OUT_M = 1e-6  # distance at which a tool is put outside of what is fixed
+MOST_OUT_M = 1e-3
+"""Largest depth from which a tool is put outside: what is deeper in touches nothing until it has left (`solid`)."""
 MOST_OUTS = 8
 
 

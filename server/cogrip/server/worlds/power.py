@@ -30,9 +30,9 @@ from cogrip.machine.addition import add_floats
 from cogrip.protocol.settings import SeatSettings
 from cogrip.server.worlds.world import Array, HandWorld, Row
 
-DRIFT_SHARE = 0.125  # of the way from proxy to hand that is asked for in one frame
-DRIFT_MPS = 0.1  # and no faster
-GIVE_SHARE = 0.25  # of 1/b: how a proxy yields to its force while its client has nothing to take
+DRIFT_SHARE = 0.125  # share of the way from proxy to hand that is asked for in one frame
+DRIFT_MPS = 0.1  # largest speed that is asked for on that way
+GIVE_SHARE = 0.25  # share of 1/b with which a proxy yields to its force while its client has nothing to take
 MOST_ITERATIONS = 60
 
 

@@ -28,7 +28,7 @@ WORLDS: dict[str, str] = {
     "faces": "cogrip.server.worlds.push:PushWorld",
     "wall": "cogrip.server.worlds.push:PushWorld",
 }
-"""Kind -> "module:class" of its world for waves. A scene needs more than its seats: `cogrip.server.schemes`."""
+"""World for waves as "module:class", by kind. A scene needs more than its seats: `cogrip.server.schemes`."""
 
 GROUP = "cogrip.worlds"
 ALLOWED = "COGRIP_PYTHON_WORLDS"

@@ -26,8 +26,8 @@ from cogrip.machine.addition import add_floats
 from cogrip.server.worlds.scene_file import MOST_CONTACTS, Scene
 from cogrip.server.worlds.world import turn
 
-LIFTED_M = 0.01  # the object counts as lifted this far above its start
-SLIP_EVERY = 4  # frames from one measurement of slip and lift to the next; forces are read in every frame
+LIFTED_M = 0.01  # height above its start from which on the object counts as lifted
+SLIP_EVERY = 4  # number of frames from one measurement of slip and lift to the next; forces are read in every frame
 
 
 class Touch(NamedTuple):
@@ -49,7 +49,8 @@ class _Meeting(NamedTuple):
 
 _Poses = tuple[list[list[float]], list[list[float]]]  # place and rotation of every body
 _NOTHING = Touch()
-_SENSOR = 4 * MOST_CONTACTS  # numbers of a sensor: of each contact how many there are, normal and tangential forces
+_SENSOR = 4 * MOST_CONTACTS
+"""Numbers of a sensor, of each contact: how many there are, its normal and its tangential forces."""
 
 
 class SceneContacts:

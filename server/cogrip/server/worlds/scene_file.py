@@ -30,44 +30,43 @@ from cogrip.server.worlds.scene_places import CLEAR_M, SITE, Placed, place_tools
 from cogrip.server.worlds.scene_start import Start, names_of, start_of
 from cogrip.server.worlds.scene_text import MOST_NAMED, SceneError, SceneFiles, listed, read_scene, scene_of
 
-MOST_CONTACTS = 8  # of a tool whose forces are measured, the strongest ones
-MOST_ITERATIONS = 1000  # of any solver in a step, and of its starting points: what does not converge goes on for ever
+MOST_CONTACTS = 8  # most contacts of a tool whose forces are measured, the strongest ones
+MOST_ITERATIONS = 1000
+"""Most iterations of a solver in a step, and of its starting points: what does not converge goes on for ever."""
 DIGEST_DIGITS = 16
-TRIED_STEPS = 20  # in the child process in which a scene is tried
-MANY_DOFS = 200  # from which on contacts get MANY_BYTES of memory at least
+TRIED_STEPS = 20  # number of steps in the child process in which a scene is tried
+MANY_DOFS = 200  # degrees of freedom from which on contacts get MANY_BYTES of memory at least
 MANY_BYTES = 2**27
-MOST_RESERVED = 2000  # contacts, or rows of constraints, for which a scene reserves memory
-MOST_RATE = 1e5  # of anything after one step [m/s, rad/s]
-MOST_FAR_M = 1e4  # of a body from the middle, and of a geom from its own
+MOST_RESERVED = 2000  # most contacts, or rows of constraints, for which a scene reserves memory
+MOST_RATE = 1e5  # largest rate of anything after one step [m/s, rad/s]
+MOST_FAR_M = 1e4  # largest distance of a body from the middle, and of a geom from its body
 TOOLS = ("pad", "ball", "box", PINCH)
 """Tools that are added; `tool = ""` is the first."""
 TOOL_KG = 0.05
-ADDED = "tool of seat "  # A body that is added has this name, followed by the number of its seat.
+ADDED = "tool of seat "  # beginning of the name of an added body; the number of its seat follows
 MOCAP_M = 0.01  # radius of the ball whose inertia a mocap body has as a tool
-APART_M = 0.05  # between added tools of one side
-FINGER_M, FINGER_APART_M = (
-    0.004,
-    0.006,
-)  # radius of the balls of a gripper's faces, and their places from the middle of each
+APART_M = 0.05  # distance between added tools of one side
+FINGER_M, FINGER_APART_M = 0.004, 0.006
+"""Radius of the balls of a gripper's faces, and their distance from the middle of each face along its sides."""
 
-CONTACT_SHARE = 0.1  # d
-CONTACT_RATE_PS2, CONTACT_DAMPING_PS = 4e5, 1300.0  # kappa, beta
+CONTACT_SHARE = 0.1  # d of a contact (solimp)
+CONTACT_RATE_PS2, CONTACT_DAMPING_PS = 4e5, 1300.0  # kappa and beta of a contact: stiffness and damping by mass
 _GEOM = {
     "margin": 0.005,
     "condim": 4,
     "solimp": (CONTACT_SHARE, CONTACT_SHARE, 0.001, 0.5, 2.0),
     "solref": (-CONTACT_RATE_PS2 * (1.0 - CONTACT_SHARE), -CONTACT_DAMPING_PS * (1.0 - CONTACT_SHARE)),
 }
-HOLD_RATE_PS2, HOLD_DAMPING_PS = 4.0 * CONTACT_RATE_PS2, 2.0 * CONTACT_DAMPING_PS  # of welds: they are to store little
+HOLD_RATE_PS2, HOLD_DAMPING_PS = 4.0 * CONTACT_RATE_PS2, 2.0 * CONTACT_DAMPING_PS
+"""The same two of welds, which are to store little."""
 _EQUALITY = {
     "solimp": _GEOM["solimp"],
     "solref": (-HOLD_RATE_PS2 * (1.0 - CONTACT_SHARE), -HOLD_DAMPING_PS * (1.0 - CONTACT_SHARE)),
 }
 _LIMIT = {"solimp_limit": _GEOM["solimp"], "solref_limit": _GEOM["solref"], "margin": _GEOM["margin"]}
-"""Of joints and tendons at the ends of their ranges. A hinge's margin is in radians."""
-STICTION_SHARE = (
-    0.9999  # of joints with dry friction: at MuJoCo's usual 0.9 they creep by what the friction should hold
-)
+"""Limits of joints and tendons at the ends of their ranges. A hinge's margin is in radians."""
+STICTION_SHARE = 0.9999
+"""Value d of joints with dry friction (solimp): at MuJoCo's usual 0.9 they creep by what the friction should hold."""
 _SOLVED: dict[str, Callable[[Any], Any]] = {
     "integrator": lambda given: mujoco.mjtIntegrator.mjINT_DISCRETE,
     "solver": lambda given: mujoco.mjtSolver.mjSOL_NEWTON,
@@ -83,10 +82,11 @@ _OPTION = {
     "impratio": 3000.0,
     "jacobian": mujoco.mjtJacobian.mjJAC_DENSE,
 }
-SPARSE_FROM = (
-    32  # degrees of freedom: a larger scene's solver is faster with sparse matrices, a smaller one's is slower
-)
-MOST_TRIED_GEOMS = 16  # of a body in such a scene: to try each with each is faster than to search trees of them
+SPARSE_FROM = 32
+"""Degrees of freedom from which on matrices are sparse: a larger scene's solver is faster with them, a smaller one's is
+slower."""
+MOST_TRIED_GEOMS = 16
+"""Most geoms of a body in such a scene with which each is tried with each: that is faster than to search trees of them."""
 _OF_GEOMS = (
     "adhesion", "conaffinity", "condim", "contype", "density", "fluid_coefs", "fluid_ellipsoid", "friction", "gap", "group",
     "margin", "material", "priority", "rgba", "solimp", "solmix", "solref", "surfacevel",

@@ -18,27 +18,17 @@ from cogrip.protocol.setting_types import Side
 from cogrip.server.worlds.scene_start import Start
 from cogrip.server.worlds.scene_text import SceneError
 
-CLEAR_M = 0.03  # between an added tool's start and what it is to press
-NEAR_M = 0.1  # of its target, which a tool that stays where it stands has at most
-FREE_M = 0.001  # between a tool and anything, at least
-SITE = "cogrip_"  # A site of this name, followed by a person's, is where that person's tool begins.
-_CLOSE_M = 0.0005  # of CLEAR_M, to which a place is searched
-_FAR_M = 1e3  # of distances that are measured
-MOST_TARGETS = 16  # bodies near which a free place is looked for, where there is no object
+CLEAR_M = 0.03  # distance between an added tool's start and what it is to press
+NEAR_M = 0.1  # largest distance from its target of a tool that stays where it stands
+FREE_M = 0.001  # least distance between a tool and anything
+SITE = "cogrip_"  # beginning of the name of a site; a person's name follows, whose tool begins there
+_CLOSE_M = 0.0005  # largest difference from CLEAR_M at which the search of a place ends
+_FAR_M = 1e3  # largest distance that is measured
+MOST_TARGETS = 16  # most bodies near which a free place is looked for, where there is no object
 _MOST_STEPS = 60
-_OFFSETS_M = (
-    0.0,
-    0.02,
-    -0.02,
-    0.05,
-    -0.05,
-    0.1,
-    -0.1,
-    0.2,
-    0.4,
-    0.8,
-)  # of a place from the middle of its target, upwards first
-_ABOVE_M = (1.6, 3.2)  # farther up, where there is nothing to be near to
+_OFFSETS_M = (0.0, 0.02, -0.02, 0.05, -0.05, 0.1, -0.1, 0.2, 0.4, 0.8)
+"""Heights of a place above the middle of its target, in the order in which they are tried."""
+_ABOVE_M = (1.6, 3.2)  # further heights, where there is nothing to be near to
 _ASIDE_M = (0.0, 0.05, -0.05, 0.1, -0.1, 0.2, -0.2)
 
 

@@ -14,8 +14,8 @@ _PULLEY = int(mujoco.mjtWrap.mjWRAP_PULLEY)
 _AT_ONE = (int(mujoco.mjtWrap.mjWRAP_SITE),)  # a tendon passes a site at one point, a geom that it goes round at two
 _ROUND = (int(mujoco.mjtWrap.mjWRAP_SPHERE), int(mujoco.mjtWrap.mjWRAP_CYLINDER))
 _LINE_DIM, _SOLID_DIM = 1, 3
-NO_COLOUR = (0.5, 0.5, 0.5, 1.0)  # of what sets none
-_BROKEN = -2  # wrap_obj of a pulley, between two branches
+NO_COLOUR = (0.5, 0.5, 0.5, 1.0)  # colour of what sets none
+_BROKEN = -2  # number that wrap_obj has for a pulley, between two branches
 
 
 class ScenePoints:

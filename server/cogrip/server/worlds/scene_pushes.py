@@ -17,9 +17,9 @@ from cogrip.server.worlds.scene_springs import uncounted_j
 from cogrip.server.worlds.world import Array, dot
 
 PUSHES = 100
-PUSH_FRAMES = 48  # at most
+PUSH_FRAMES = 48  # most frames of one push
 MOST_MADE_J = 1e-3
-_MOST_WAVE = 2.0  # sqrt(W)
+_MOST_WAVE = 2.0  # largest wave of a push [sqrt(W)]
 _REACH_M = 0.12
 
 

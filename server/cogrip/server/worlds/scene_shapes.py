@@ -30,8 +30,9 @@ _KINDS: dict[int, ShapeKind] = {
     MESH: "box",
     FIELD: "box",
 }
-_SHOWN_GROUPS = 3  # MuJoCo's own viewer hides further ones: they are for contact alone
-_MOST_M = 1e3  # bounds of a shape (`SPEC.md` section 3.15)
+_SHOWN_GROUPS = 3
+"""Number of geom groups that are shown: MuJoCo's own viewer hides further ones, which are for contact alone."""
+_MOST_M = 1e3  # largest number of a shape (`SPEC.md` section 3.15)
 
 
 class Drawn(NamedTuple):

@@ -15,15 +15,16 @@ from numpy.typing import NDArray
 from cogrip.protocol.drawing import MOST_COLOURED, MOST_TRIANGLES, pack_triangles
 from cogrip.server.worlds.scene_textures import Texture, colours_of, texture_of
 
-MOST_SCENE_TRIANGLES = 12_000  # of all surfaces; told one part a view, all are there after four seconds
+MOST_SCENE_TRIANGLES = 12_000  # most triangles of all surfaces; told one part a view, all are there after four seconds
 MESH, FIELD = int(mujoco.mjtGeom.mjGEOM_MESH), int(mujoco.mjtGeom.mjGEOM_HFIELD)
 _BALL, _EGG = int(mujoco.mjtGeom.mjGEOM_SPHERE), int(mujoco.mjtGeom.mjGEOM_ELLIPSOID)
 _BOX, _PLANE = int(mujoco.mjtGeom.mjGEOM_BOX), int(mujoco.mjtGeom.mjGEOM_PLANE)
 _CAPSULE = int(mujoco.mjtGeom.mjGEOM_CAPSULE)
-_TEXTURED = 2000  # triangles that a surface with a texture is to have at least
-_MOST_PARTS = 64  # along an edge of a triangle
-_FEWEST = 12  # triangles: of a share of less a surface has no form
-_FINEST, _TRIES = 256, 12  # cells along the longest side of a coarser surface's box; coarser ones that are tried
+_TEXTURED = 2000  # least number of triangles that a surface with a texture is to have
+_MOST_PARTS = 64  # most parts of a triangle along one of its edges
+_FEWEST = 12  # least number of triangles that are left of a larger surface: of fewer it has no form
+_FINEST, _TRIES = 256, 12
+"""Cells along the longest side of the finest grid for a coarser surface, and number of coarser ones that are tried."""
 
 
 Array = NDArray[np.float64]

@@ -21,14 +21,14 @@ from xml.parsers import expat
 from cogrip.protocol.foreign_file import ForeignFileError
 from cogrip.protocol.texts import shown
 
-MOST_BYTES = 8_000_000  # of a text of XML
-MOST_FILE_BYTES = 32_000_000  # of any other file of a scene
-MOST_FILES_BYTES = 128_000_000  # of all files of a scene together
-MOST_ELEMENTS = 20_000  # of XML in all its texts: more take minutes to load
-MOST_TEXTS = 500  # that it includes, itself among them
-MOST_NAMED = 5  # of a list of names in an error
+MOST_BYTES = 8_000_000  # longest text of XML
+MOST_FILE_BYTES = 32_000_000  # longest file of a scene that is not XML
+MOST_FILES_BYTES = 128_000_000  # most bytes of all files of a scene together
+MOST_ELEMENTS = 20_000  # most elements of XML in all texts of a scene: more take minutes to load
+MOST_TEXTS = 500  # most texts that a scene includes, itself among them
+MOST_NAMED = 5  # most names that an error lists
 _INSIDE = "put it beside the scene, or below, or name a folder above both as object.folder"
-_TEXT_ENDINGS = (".xml", ".urdf")  # of texts that MuJoCo takes for a scene
+_TEXT_ENDINGS = (".xml", ".urdf")  # endings of texts that MuJoCo takes for a scene
 _SEPARATORS = re.compile(r"[/\\]")
 _ABSOLUTE = re.compile(r"[/\\]|.*:[/\\]")
 

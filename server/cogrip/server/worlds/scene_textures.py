@@ -17,10 +17,9 @@ from cogrip.protocol.drawing import MOST_PERIOD_M, TILE
 Array = NDArray[np.float64]
 _RGB = int(mujoco.mjtTextureRole.mjTEXROLE_RGB)
 _FLAT, _CUBE = int(mujoco.mjtTexture.mjTEXTURE_2D), int(mujoco.mjtTexture.mjTEXTURE_CUBE)
-_FINER = 4  # places along each side of a cell of a tile whose colours are averaged
-_WITHIN = (
-    np.array([[4, 1, 1], [1, 4, 1], [1, 1, 4], [2, 2, 2]]) / 6.0
-)  # of a triangle: places whose colours are averaged
+_FINER = 4  # number of places along each side of a tile's cell whose colours are averaged
+_WITHIN = np.array([[4, 1, 1], [1, 4, 1], [1, 1, 4], [2, 2, 2]]) / 6.0
+"""Places within a triangle whose colours are averaged, as weights of its corners."""
 
 
 class Texture(NamedTuple):

@@ -11,7 +11,7 @@ from cogrip.protocol.effects import Effect
 from cogrip.protocol.setting_types import PLACES
 from cogrip.server.worlds.world_step import REACH_M, WORKSPACE_M, Row, WorldStep
 
-MOST = 18  # people times axes
+MOST = 18  # most people times axes
 NOTHING = (0.0,) * MOST
 RAMP_S = 0.3  # time in which a newcomer's stiffness grows, energy permitting
 

@@ -9,7 +9,7 @@ from cogrip.protocol.task import EVERYBODY, Task
 
 _AXES = "xyz"
 _ROUNDING_S = 1e-9
-ADDED = 2  # numbers at the end of `save` that earlier versions lack
+ADDED = 2  # count of numbers at the end of `save` that earlier versions lack
 
 
 class TaskWatch:

@@ -25,7 +25,7 @@ from cogrip.server.worlds.world_step import WorldStep
 
 Array = NDArray[np.float64]
 
-MOST_SAVED_J = 0.05  # that a spring may save to grow stiffer: what can be spent at once is bounded
+MOST_SAVED_J = 0.05  # most energy that a spring may save to grow stiffer: what can be spent at once is bounded
 
 
 class WorldError(ForeignFileError, ArithmeticError):
@@ -75,11 +75,11 @@ class World(ABC):
     )  # fmt: skip
     """Names of the attributes, numbers or arrays of them, that make up the state. Each class names its own; `save` and
     `restore` go through those of all base classes."""
-    inputs_per_axis = 1  # waves
-    object_name = "the object"  # in texts
-    unsaved_progress = 0  # numbers at the end of `progress` that checkpoints of earlier versions lack
+    inputs_per_axis = 1  # number of inputs on each axis, which are waves
+    object_name = "the object"  # name of the object in texts
+    unsaved_progress = 0  # count of numbers at the end of `progress` that checkpoints of earlier versions lack
     gained_j = 0.0  # energy that the bodies of a scene have got in all steps so far
-    can_adapt_stiffness = False  # `set_target_stiffness` may be called
+    can_adapt_stiffness = False  # whether `set_target_stiffness` may be called
     failed = ""
 
     def __init__(self, seats: Sequence[SeatSettings]) -> None:

@@ -11,8 +11,8 @@ from cogrip.protocol.effects import Effect
 
 Row = tuple[float, ...]
 
-WORKSPACE_M = 0.5  # the object has left the room beyond this
-REACH_M = 2.0  # no hand reaches the object beyond this: it is put back
+WORKSPACE_M = 0.5  # distance beyond which the object has left the room
+REACH_M = 2.0  # distance beyond which no hand reaches the object: it is put back
 
 
 class WorldStep:

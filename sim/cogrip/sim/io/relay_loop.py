@@ -21,9 +21,9 @@ from cogrip.machine.stop import Stop
 from cogrip.protocol.channel import place_text
 from cogrip.sim.relay import Flow, Lane, Relay
 
-MOST_BYTES = 65_535  # of a datagram
-MOST_AT_ONCE = 32  # datagrams of one socket before what is due gets its turn
-POLL_S = 0.1  # between two checks of `stop`
+MOST_BYTES = 65_535  # longest datagram
+MOST_AT_ONCE = 32  # most datagrams of one socket before what is due gets its turn
+POLL_S = 0.1  # time between two checks of `stop`
 CHORES_NS = 1_000_000_000
 
 
@@ -68,7 +68,7 @@ class LiveRelay:
     _far: tuple[socket.AddressFamily, Any] = field(init=False)
     _sockets: dict[Flow, socket.socket] = field(init=False, default_factory=dict)
     _flows: dict[socket.socket, Flow] = field(init=False, default_factory=dict)
-    _overran: int = field(init=False, default=0)  # of sockets that are closed
+    _overran: int = field(init=False, default=0)  # count of datagrams that sockets which are closed had dropped
 
     def open(self) -> None:
         """Look up both places, and bind. Raises RelayError."""

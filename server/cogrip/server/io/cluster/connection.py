@@ -41,18 +41,14 @@ from cogrip.server.io.state_folder import StateFolder
 from cogrip.server.io.workers.link import Answered, Obey, Void
 from cogrip.server.snapshot import Snapshot, decode
 
-UNKNOWN_S = 1.0  # without the directory: rooms may play on, and nobody here knows
-SILENT_S = 2.0  # without the directory: the front says so, and looks into the shared folder
-LOOK_S = 1.0  # between two looks there
-PROBE_S = 1.0  # between two looks whether the head is there
-AGAIN_S = (
-    1.0,
-    2.0,
-    5.0,
-    10.0,
-    20.0,
-)  # between two tries to connect; the last for all that follow: each starts a process
-HANGS_S = 30.0  # without a word of the process: another one is started
+UNKNOWN_S = 1.0
+"""Silence of the directory after which what is known of the rooms is old: they may play on, and nobody here knows."""
+SILENT_S = 2.0  # silence of the directory after which the front says so, and looks into the shared folder
+LOOK_S = 1.0  # time between two looks into the shared folder
+PROBE_S = 1.0  # time between two looks whether the head is there
+AGAIN_S = (1.0, 2.0, 5.0, 10.0, 20.0)
+"""Waits between two tries to connect, the last for all that follow: each try starts a process."""
+HANGS_S = 30.0  # silence of the process after which another one is started
 BEGIN_S = 60.0
 MODULE = "cogrip.server.io.cluster.ray_process"
 
@@ -87,7 +83,7 @@ class RemoteRooms:
     lines          what rooms said, and what there is to say of the cluster itself
     """
 
-    replaced = 0  # counted by the directory
+    replaced = 0  # always 0: the directory counts the processes that it replaces
 
     def __init__(
         self, address: str, command: Sequence[str], loopback: bool, folder: StateFolder, guarded: bool = False

@@ -11,12 +11,12 @@ from typing import NamedTuple
 from cogrip.machine.addition import add_integers
 from cogrip.server.events import ServerEvent
 
-LOST_S = 1.5  # without a report, of a process that serves
-START_S = 30.0  # likewise, of one that is being started; it may have to wait for the one before
-SUSPECT_S = 15.0  # for which no room is placed on a host that lost one, if there is another
-RETRY_S = 2.0  # after a start that failed
-SETTLE_S = 8.0  # for which a directory that has just begun waits for hosts that have not reported yet
-GAP_S = 0.5  # between two calls: longer ones are this process's own
+LOST_S = 1.5  # time without a report after which a process that serves is lost
+START_S = 30.0  # time after which a process that is being started is lost; it may have to wait for the one before
+SUSPECT_S = 15.0  # time for which no room is placed on a host that lost one, if there is another
+RETRY_S = 2.0  # wait after a start that failed
+SETTLE_S = 8.0  # time for which a directory that has just begun waits for hosts that have not reported yet
+GAP_S = 0.5  # longest gap between two calls: a longer one is this process's own pause, and no silence of others
 
 
 class Host(NamedTuple):

@@ -10,8 +10,8 @@ from cogrip.server.io.cluster.directory import LOST_S, Directory, Host, Report, 
 from cogrip.server.io.cluster.host_actor import AT_ONCE, NAMESPACE, HostActor, actor_of
 from cogrip.server.io.cluster.lines import GatheredLines
 
-HOSTS_S = 1.0  # between two looks at the nodes
-AGAIN_S = 10.0  # between two starts of a host's actor
+HOSTS_S = 1.0  # time between two looks at the nodes
+AGAIN_S = 10.0  # least time between two starts of a host's actor
 
 
 class DirectoryActor:

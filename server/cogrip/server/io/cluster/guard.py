@@ -9,7 +9,7 @@ from cogrip.server.io.cluster.announcement import Announcement, AnnouncementFile
 from cogrip.server.io.state_folder import StateError, StateFolder
 
 LOOK_S = 0.1
-CLAIM_S = 1.5  # for which the process before may take
+CLAIM_S = 1.5  # longest time that the process before may take to end
 
 
 class Guard:

@@ -23,13 +23,13 @@ from cogrip.server.io.cluster.template import Template, TemplateError
 from cogrip.server.io.control import Answer, AnyOrder
 
 NAMESPACE, DIRECTORY = "cogrip", "directory"
-EVERY_S = 0.25  # a report
-HEAR_S = 1.0  # between two looks whether the directory has answered
-GIVE_UP_S = 10.0  # after which it is asked anew
-SILENT_S = 3.0  # without one: the rooms are told
+EVERY_S = 0.25  # time between two reports
+HEAR_S = 1.0  # time between two looks whether the directory has answered
+GIVE_UP_S = 10.0  # time without an answer after which the directory is asked anew
+SILENT_S = 3.0  # time without an answer of the directory after which the rooms are told
 HAND_OVER_S = 10.0
-LINGER_S = 1.0  # after all rooms: somebody may wait for the answer
-AT_ONCE = 64  # calls
+LINGER_S = 1.0  # time that the actor stays after all rooms have ended: somebody may wait for the answer
+AT_ONCE = 64  # most calls of a host's actor at once
 ORDER = msgspec.json.Decoder(AnyOrder)
 
 

@@ -5,7 +5,7 @@ from collections.abc import Sequence
 
 from cogrip.server.events import ServerEvent
 
-MOST_LINES = 512  # that are kept
+MOST_LINES = 512  # most lines that are kept
 
 
 class Lines:

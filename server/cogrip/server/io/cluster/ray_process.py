@@ -38,9 +38,9 @@ from cogrip.server.io.cluster.ray_token import asks_for_token
 from cogrip.server.io.control import Answer
 
 EVERY_S = 0.2
-CALL_S = 3.0  # for an answer of the directory to an order
-FRONT_S = 10.0  # for its answer to the front
-ORDER_S = 3.8  # for an answer of a room
+CALL_S = 3.0  # longest wait for an answer of the directory to an order
+FRONT_S = 10.0  # longest wait for an answer of the directory to the front
+ORDER_S = 3.8  # longest wait for an answer of a room
 END_S = 15.0
 CALLERS = 8
 OPEN = (
@@ -48,7 +48,7 @@ OPEN = (
     "RAY_AUTH_MODE=token on every host (docs/scaling.md), or let everybody in with --insecure"
 )
 NEEDS_TOKEN = "; where it asks for a token, set RAY_AUTH_MODE=token here too, with its token in ~/.ray/auth_token"
-SILENT_S = 20.0  # without an answer of the directory: Ray is connected anew
+SILENT_S = 20.0  # time without an answer of the directory after which Ray is connected anew
 
 
 class RayFront(msgspec.Struct, frozen=True):

@@ -8,7 +8,7 @@ import os
 import subprocess
 import sys
 
-ASKED = 77  # exit code
+ASKED = 77  # exit code of a probe whose cluster asks for a token
 PROBE_S = 30.0
 PROBE = f"""
 import sys

@@ -7,7 +7,8 @@ store would end with the host that made it.
 from collections.abc import Callable, Mapping, Sequence
 from typing import NamedTuple
 
-KEPT_S, LATEST_S = 1.0, 5.0  # for the answers of other hosts; where none of them has a checkpoint
+KEPT_S, LATEST_S = 1.0, 5.0
+"""Longest wait for the answers of other hosts, and the same where none of them has a checkpoint."""
 
 
 class Kept(NamedTuple):

@@ -16,7 +16,7 @@ from cogrip.server.io.platform import fork, message_pair, receive_with_descripto
 
 FORK = b"fork"
 MOST_BYTES = 64
-ANSWER_S = 60.0  # its own start among it, on a host that is busy
+ANSWER_S = 60.0  # longest wait for an answer, its own start among it, on a host that is busy
 
 
 class TemplateError(Exception):

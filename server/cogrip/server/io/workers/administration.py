@@ -33,7 +33,7 @@ from cogrip.server.roster import MOST_LISTED
 from cogrip.server.snapshot import Snapshot
 
 EVERY_NS = 500_000_000
-ANSWER_NS = 4_000_000_000  # for which workers may take: less than the one who asks waits
+ANSWER_NS = 4_000_000_000  # longest time that workers may take to answer: less than the one who asks waits
 
 
 @dataclass(slots=True)

@@ -13,7 +13,7 @@ from cogrip.server.io.workers.paths import OpenPath, WorkerPort
 from cogrip.server.rate_limit import RateLimiter
 from cogrip.server.unencrypted_channel import looks_like_hello
 
-RELEASE_NS = 5_000_000_000  # a path without a seat is kept for so long: a goodbye may be repeated
+RELEASE_NS = 5_000_000_000  # time for which a path without a seat is kept: a goodbye may be repeated
 SWEEP_EVERY_NS = 500_000_000
 
 

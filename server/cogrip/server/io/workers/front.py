@@ -51,7 +51,7 @@ from cogrip.server.io.workers.pool import Worker, WorkerPool
 from cogrip.server.io.workers.steering import Steering, open_path
 from cogrip.server.snapshot import decode
 
-ASKED_NS = 1_000_000_000  # a worker answers a hello at its next tick
+ASKED_NS = 1_000_000_000  # longest wait for a worker's answer about a hello, which it gives at its next tick
 DEATHS_NS, MOST_DEATHS = 10_000_000_000, 10
 DYING = "stopped (the workers die again and again)"
 

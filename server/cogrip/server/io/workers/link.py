@@ -17,7 +17,7 @@ from cogrip.server.events import ServerEvent
 from cogrip.server.io.control import Answer, AnyOrder
 from cogrip.server.io.platform import receive_with_descriptors, send_with_descriptors
 
-MOST_BYTES = 1 << 18  # of a message
+MOST_BYTES = 1 << 18  # longest message
 BUFFER_BYTES = 1 << 20
 
 PeerAddress = tuple[str | int, ...]

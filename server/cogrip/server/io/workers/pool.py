@@ -17,7 +17,7 @@ START_LIMIT_S = 30.0
 END_LIMIT_S = 15.0
 
 Start = Callable[[int, int], subprocess.Popen[bytes]]
-"""Start a process by its number, which is to have the descriptor of its end of the link."""
+"""Function that starts a process by its number, which is to have the descriptor of its end of the link."""
 
 
 @dataclass(eq=False, slots=True)

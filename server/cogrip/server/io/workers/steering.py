@@ -22,8 +22,8 @@ from cogrip.server.io.platform import share_port
 from cogrip.server.io.workers.link import PeerAddress
 from cogrip.server.io.workers.steering_program import hash_of, program
 
-SO_ATTACH_REUSEPORT_CBPF = 51  # asm-generic/socket.h; no right is needed
-MOST_STEERED = 4096  # a program has at most as many instructions
+SO_ATTACH_REUSEPORT_CBPF = 51  # option of sockets, of asm-generic/socket.h; no right is needed
+MOST_STEERED = 4096  # most peers that are steered: a program has at most as many instructions
 MENDED = {(5, 10): 259, (5, 15): 210, (6, 1): 177, (6, 6): 143, (6, 18): 36}
 """Releases of longterm kernels that were seen to have what `replaces_safely` asks for."""
 TRY_EVERY_S = 0.05

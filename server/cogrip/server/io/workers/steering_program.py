@@ -10,21 +10,22 @@ from collections.abc import Iterator, Mapping, Sequence
 
 from cogrip.server.io.workers.link import PeerAddress
 
-LEAF = 4  # peers that are compared one by one
-MASK = 0x7FFFFFFF  # a constant of 32 bits takes the kernel another instruction
+LEAF = 4  # most peers that are compared one by one
+MASK = 0x7FFFFFFF  # mask of 31 bits: the kernel takes another instruction for a constant of 32
 
-_NET = 0xFFF00000  # SKF_NET_OFF: from the network header on
+_NET = 0xFFF00000  # SKF_NET_OFF: offset from which on the network header is read
 _LOAD_WORD, _LOAD_HALF, _LOAD_BYTE = 0x20, 0x28, 0x30  # BPF_LD | BPF_ABS
 _MULTIPLY, _ADD_X, _AND, _SHIFT, _XOR_X = 0x24, 0x0C, 0x54, 0x74, 0xAC  # BPF_ALU, by the constant or X
 _EQUAL, _GREATER, _JUMP = 0x15, 0x25, 0x05  # BPF_JMP
 _RETURN, _TO_X = 0x06, 0x07  # BPF_RET, BPF_MISC | BPF_TAX
 
-_IPV4 = (0x45, (12,), 20)  # first byte, of a header without options; words of the source address; source port
+_IPV4 = (0x45, (12,), 20)
+"""First byte of a header without options; words of the source address; place of the source port."""
 _IPV6 = (0x60, (8, 12, 16, 20), 40)
 _NEXT_HEADER, _UDP = 6, 17
 
 Instruction = tuple[int, int, int, int]
-"""Code, steps to skip if true and if false, constant."""
+"""Code, steps to skip where it is true, steps to skip where it is false, constant."""
 
 
 def hash_of(address: PeerAddress, multiplier: int) -> int:
