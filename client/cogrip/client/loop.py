@@ -88,6 +88,7 @@ class LiveClient:
     _exchange: Exchange = field(init=False)
     _counts: dict[str, int] = field(init=False, default_factory=dict)
     _unkept: bool | None = field(init=False, default=None)  # the clutch as it was before `hold`; None without
+    _faulted: bool = field(init=False, default=False)  # a fault was said, and no force has been let in since
     _told: int = field(init=False, default=0)  # newest change of the administrator that the person was told of
 
     def run(self) -> Ended | ClientSession:
@@ -349,11 +350,13 @@ class LiveClient:
         if after == "degraded":
             self.say(f"force released: {reason}")
         elif after == "fault":
+            self._faulted = True
             self.stop.take_rearm()  # what was asked before the fault was not asked of it; what answers these words is
             self.say(f"fault, force released: {reason}")
             if self.rearms:
                 self.say(f"see to its cause; then {system.REARM_HOW.format(os.getpid())} re-arms; Ctrl-C leaves")
-        elif before == "fault" and after in ("live", "clutched"):
+        elif self._faulted and after in ("live", "clutched"):
+            self._faulted = False
             self.say("re-armed: force ramps in" if after == "live" else "re-armed: the clutch is held")
         elif before == "degraded" and after == "live":
             self.say("the server answers again: force ramps in")
