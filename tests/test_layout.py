@@ -23,7 +23,8 @@ PROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))
 MOST_MEDIAN_LINES = 120
 NOT_INSTALLED_BY_NAME = {"forcedimension_core": "forcedimension-core", "serial": "pyserial", "pylsl": "pylsl"}
 """Modules of packages that a platform or a Python may have to do without, and the package each is of."""
-BY_NAME = {"hidapi", "psutil"}  # of whose backends one is chosen as a port is opened; by which loky ends its workers
+BY_NAME = {"hidapi", "psutil"}
+"""Packages that no import names: a backend of the first is chosen as a port is opened; loky ends its workers by the second."""
 QUESTION_WORDS = re.compile(r"(What|Who|Whose|Whether|Of)\b")
 QUESTION_TEXTS = re.compile(rf"""["'][\s\\]*{QUESTION_WORDS.pattern}""")
 

@@ -19,7 +19,7 @@ from tests.cli.command import Cogrip
 
 WORLDS = Path(__file__).resolve().parents[2] / "docs" / "examples" / "worlds"
 HEAD = "from cogrip.server.worlds.tool_world import ToolWorld\n"
-BROKEN = {  # what stands in a world's file, and what is said of it
+BROKEN = {  # Each entry is what stands in a world's file, and what is said of it.
     "raises": ("raise RuntimeError('two\\nlines')", "RuntimeError: two lines"),
     "exits": ("raise SystemExit(0)", "SystemExit"),
     "no Python": ("def", "SyntaxError"),

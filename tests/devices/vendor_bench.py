@@ -9,7 +9,7 @@ from typing import Any, ClassVar
 
 from cogrip.devices.registry import make
 
-FIRST_TICKS = 3  # of a loop, after which forces flow
+FIRST_TICKS = 3  # The first ticks of a loop; forces flow after them.
 
 
 @dataclass

@@ -18,8 +18,10 @@ from tests.live.held_arms import DEMO, until
 RAMP_NS = 600_000_000  # twice the ramp in which force comes back
 FELT_N = 0.1
 WAIT_S = 40.0
-MOST_BACK_S = 2.0  # from when the new process listens
-MOST_STEP_N = 0.5  # of the force at a hand, from tick to tick, until the ramp is over; the slope lets 0.98 N through
+MOST_BACK_S = 2.0  # The longest time until all are back, counted from when the new process listens.
+MOST_STEP_N = (
+    0.5  # The largest step of a hand's force from tick to tick until the ramp is over; the slope lets 0.98 N pass.
+)
 
 
 def forces(folder: Path, name: str) -> list[tuple[int, list[float]]]:

@@ -124,7 +124,7 @@ def hoard() -> str:
         kept.append(b"x" * 2**24)
 
 
-BEFORE = {  # what a trial does, and what is said of it
+BEFORE = {  # Each entry is what a trial does, and what is said of it.
     "spin": (spin, "takes more than 1 s of the processor"),
     "hoard": (hoard, "takes more than 1024 MB of memory, or ends the process that loads it"),
     "abort": (os.abort, "ends the process that loads it"),

@@ -13,7 +13,7 @@ from pathlib import Path
 
 import numpy as np
 
-KINDS = ("egl", "osmesa")  # of OpenGL without a window
+KINDS = ("egl", "osmesa")  # The kinds of OpenGL that need no window.
 LIMIT_S = 300.0
 
 

@@ -21,7 +21,7 @@ VERSION = b"\xfe\xfd"
 EPOCH = 1
 CLOSE_NOTIFY = b"\x01\x00"
 WINDOW = 64  # records behind the newest that may still come, once each
-SUITES = {  # by OpenSSL's name: hash of the PRF, bytes of a key, of a nonce's implicit part, of its part in the record
+SUITES = {  # Each suite, by OpenSSL's name: the PRF's hash, and the bytes of a key, of a nonce's implicit and explicit part.
     "ECDHE-ECDSA-AES128-GCM-SHA256": ("sha256", 16, 4, 8),
     "ECDHE-ECDSA-AES256-GCM-SHA384": ("sha384", 32, 4, 8),
     "ECDHE-ECDSA-CHACHA20-POLY1305": ("sha256", 32, 12, 0),
