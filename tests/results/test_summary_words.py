@@ -277,3 +277,15 @@ def test_of_many_seat_sessions_the_worst_is_kept() -> None:
     assert len(kept) == MOST_EARLIER
     assert {5, 7} <= set(kept)
     assert SeatSession(None, SEAT).least_margin() == 0.0
+
+
+def test_what_a_client_says_that_its_line_down_lent_is_in_the_words_and_decides_no_verdict(
+    summary: dict[str, Any],
+) -> None:
+    first, *_ = summary["users"]
+    first["claimed"] = {"unstable": False, "down_margin_j": -1.7e-4}
+    first["playout"]["down"]["concealed"] = 1
+    first["energy"]["down_margin_j"] = -1.7e-4
+    assert verdict(summary)[0][0] == "good"
+    told = "but by 170 µJ at most (line down of anna, says the client), within what a line may lend"
+    assert told in words(summary)

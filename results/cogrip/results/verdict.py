@@ -93,6 +93,14 @@ def _lent_j(row: Row, path: str, credit_j: float) -> float:
     return credit_j if any(not is_number(each) or each > 0 for each in filled) else min(credit_j, 1e-3 * UNLENT_MJ)
 
 
+def _claimed_down(users: list[Row]) -> list[tuple[float, str, str]]:
+    """Return what clients say of their lines down, as `worst_margin` tells it: no verdict rests on it, but its words do."""
+    told = [(dig(row, "energy", "down_margin_j"), name_of(row)) for row in occupied(users) if row.get("claimed")]
+    return [(margin_j, "line down", f"{name}, says the client") for margin_j, name in told if is_number(margin_j)] or [
+        (0.0, "", "")
+    ]
+
+
 def _measured(row: Row) -> tuple[str, ...]:
     """Return the margins that a verdict may rest on: of somebody else's client, those that the server's end took part in."""
     ours = ("up_margin_j", "line_margin_j")
@@ -121,7 +129,7 @@ def passive(summary: Summary, credit_j: float | None = None) -> Judgement:
         return Judgement("passive", "warn", f"Whether the run was passive is not known: {why}.")
     port = "no device's motors either" if device else "nor, say the clients, any motors"
     port += _least_reserves(users)
-    margin_j, ledger, who = worst
+    margin_j, ledger, who = min(worst, *_claimed_down(users))
     if margin_j < -ROUNDING_J:
         most = f"by {energy(-margin_j)} at most ({ledger} of {who}), within what a line may lend"
         text = f"Passive: no line gave out more energy than had been put in but {most}; {port}.{lent}"
