@@ -72,5 +72,5 @@ class Cogrip:
 def _files_of_the_current_folder() -> list[Path]:
     """List what a command could have left; of the checkout only what stands at its top, as other tests write caches below it."""
     if (Path() / "pyproject.toml").exists():
-        return sorted(path for path in Path().iterdir() if not path.name.startswith("."))
+        return sorted(path for path in Path().iterdir() if not path.name.startswith((".", "__")))
     return sorted(Path().rglob("*"))
