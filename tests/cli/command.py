@@ -70,7 +70,7 @@ class Cogrip:
 
 
 def _files_of_the_current_folder() -> list[Path]:
-    """List what a command could have left; of the checkout only what stands at its top, as other tests write caches below it."""
+    """List what a command could have left; of a checkout its top alone, as other tests write caches below it."""
     if (Path() / "pyproject.toml").exists():
         return sorted(path for path in Path().iterdir() if not path.name.startswith((".", "__")))
     return sorted(Path().rglob("*"))
