@@ -7,8 +7,8 @@ import pytest
 from msgspec import structs
 
 from cogrip.client.core import ClientCore
-from cogrip.client.force_limits import MOST_SLOPE_NPS
 from cogrip.client.inputs import CloseLedger, Connect, Rearm
+from cogrip.devices.device import MOST_SLOPE_NPS
 from cogrip.devices.registry import make
 from cogrip.machine.tick_count import TickCount
 from cogrip.protocol import messages

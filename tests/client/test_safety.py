@@ -8,7 +8,6 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from cogrip.client.force_limits import MOST_SLOPE_NPS
 from cogrip.client.safety import (
     AT_LIMIT_S,
     FAULT_OUT_S,
@@ -22,6 +21,7 @@ from cogrip.client.safety import (
     WATCHDOG_S,
     Safety,
 )
+from cogrip.devices.device import MOST_SLOPE_NPS
 
 from tests.client.live_safety import PEAK_N, RECORD, TICK_S, full, give, live
 

@@ -11,8 +11,9 @@ from typing import Any
 
 import pytest
 
-from cogrip.client.force_limits import MOST_SLOPE_NPS, SOFT_SLOPE_NPS
+from cogrip.client.force_limits import SOFT_SLOPE_NPS
 from cogrip.client.inputs import CloseLedger
+from cogrip.devices.device import MOST_SLOPE_NPS
 from cogrip.protocol.session import QUIET_NS
 from cogrip.protocol.settings import Settings, resolve
 from cogrip.sim.laboratory import Laboratory

@@ -2,10 +2,9 @@
 
 from math import inf, pi
 
-from cogrip.client.force_limits import MOST_SLOPE_NPS
 from cogrip.client.rendered_damper import damper_on
 from cogrip.client.velocity import lag_ticks, largest_impedance
-from cogrip.devices.device import Capability
+from cogrip.devices.device import MOST_SLOPE_NPS, Capability
 from cogrip.protocol.effects import Effect
 from cogrip.protocol.settings import SeatSettings, Settings
 

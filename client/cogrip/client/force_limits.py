@@ -12,12 +12,10 @@ from cogrip.client.handle import BEYOND
 from cogrip.client.pose_axes import further_axes
 from cogrip.client.row_size import change_surely_below
 from cogrip.client.thermal import ThermalLimit
-from cogrip.devices.device import Capability
+from cogrip.devices.device import MOST_SLOPE_NPS, Capability
 from cogrip.machine.addition import add_floats
 from cogrip.protocol.setting_types import PLACES
 
-MOST_SLOPE_NPS = 1000.0
-"""Largest slope of any force, whatever the record says: 2000 N/m met at 0.5 m/s (docs/security.md)."""
 SOFT_SLOPE_NPS = 410.0  # largest slope after a gap: 0.4 N a tick at 1024 Hz
 SOFT_S = 0.05  # time after a gap in which the force may still return to the law with that slope
 

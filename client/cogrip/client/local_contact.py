@@ -25,10 +25,9 @@ from math import inf, sqrt
 from operator import mul
 
 from cogrip.client.coupling import Coupling, Row, spring_j, stretch_m
-from cogrip.client.force_limits import MOST_SLOPE_NPS
 from cogrip.client.velocity import largest_impedance
 from cogrip.client.wave_coupling import WaveCoupling
-from cogrip.devices.device import Capability
+from cogrip.devices.device import MOST_SLOPE_NPS, Capability
 from cogrip.machine.addition import add_floats
 from cogrip.protocol.clock import Clock
 from cogrip.protocol.handle import Handle

@@ -24,6 +24,8 @@ from cogrip.protocol.handle import MOST_BUTTONS
 from cogrip.protocol.rates import LEAST_DEVICE_HZ
 from cogrip.protocol.setting_types import GRIP_AXES, POSE_AXES
 
+MOST_SLOPE_NPS = 1000.0
+"""Largest slope of any force, whatever the record says: 2000 N/m met at 0.5 m/s (docs/security.md)."""
 LARGEST = 1e6  # largest number in a record: what is above is no bound
 GRAVITY_MPS2 = 9.81
 MOST_HANDLE_KG = 5.0

@@ -21,11 +21,10 @@ from cogrip.client.effects.fields import ViscousField
 from cogrip.client.effects.laws import ActiveLaw, PassiveLaw, Row
 from cogrip.client.effects.springs import ForbiddenZone, GuidingPath, Magnet
 from cogrip.client.effects.tank import EnergyTank
-from cogrip.client.force_limits import MOST_SLOPE_NPS
 from cogrip.client.hand_aids import part_of
 from cogrip.client.hand_map import HandMap
 from cogrip.client.safety import Safety
-from cogrip.devices.device import Capability
+from cogrip.devices.device import MOST_SLOPE_NPS, Capability
 from cogrip.machine.addition import add_floats
 from cogrip.protocol.accounts import EffectAccount
 from cogrip.protocol.effects import MOST_EFFECTS, Effect, EffectKind, unfit_effect
