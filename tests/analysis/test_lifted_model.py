@@ -18,9 +18,9 @@ from numpy.typing import NDArray
 from cogrip.analysis.lifted_model import LiftedModel
 from cogrip.analysis.linear_session import ModelError, Person, linear_session, rounding_notes, scheme_overrides
 from cogrip.analysis.stability import verdict
-from cogrip.client.velocity import MotionObserver
-from cogrip.client.virtual_coupling import VirtualCoupling
-from cogrip.client.wave_coupling import WaveCoupling
+from cogrip.client.coupling.virtual_coupling import VirtualCoupling
+from cogrip.client.coupling.wave_coupling import WaveCoupling
+from cogrip.client.hand.velocity import MotionObserver
 from cogrip.devices.simulated.ideal import IdealPlant, IdealSettings
 from cogrip.protocol.line.delays import OneWayDelay
 from cogrip.protocol.messages import Stamp, State

@@ -14,8 +14,8 @@ from dataclasses import dataclass
 from math import dist, hypot, sqrt
 from typing import Any
 
+from cogrip.client.coupling.wave_coupling import WaveCoupling
 from cogrip.client.inputs import CloseLedger
-from cogrip.client.wave_coupling import WaveCoupling
 from cogrip.protocol.line.concealment import CONCEALMENTS
 from cogrip.protocol.line.jitter_buffer import Frames
 from cogrip.protocol.settings import resolve

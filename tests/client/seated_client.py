@@ -7,10 +7,10 @@ from typing import Any
 import numpy as np
 
 from cogrip.client.core import ClientCore
-from cogrip.client.device_port import BarePort, DevicePort
+from cogrip.client.coupling.wave_coupling import WaveCoupling
 from cogrip.client.inputs import CloseLedger, Connect
-from cogrip.client.seated import SeatedClient
-from cogrip.client.wave_coupling import WaveCoupling
+from cogrip.client.safety.device_port import BarePort, DevicePort
+from cogrip.client.seat.seated import SeatedClient
 from cogrip.devices.device import Capability, Sample
 from cogrip.devices.plausibility import Plausibility
 from cogrip.machine.tick_count import TickCount

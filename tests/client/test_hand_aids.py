@@ -6,7 +6,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from cogrip.client.hand_aids import HandAids
+from cogrip.client.effects.hand_aids import HandAids
 from cogrip.devices.device import GRAVITY_MPS2
 from cogrip.protocol.hand_settings import NO_LIMIT, HandChange
 

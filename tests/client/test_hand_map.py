@@ -8,9 +8,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 from numpy import dot
 
-from cogrip.client.hand_map import HandMap
-from cogrip.client.rendered_damper import refusal
-from cogrip.client.velocity import largest_impedance
+from cogrip.client.hand.hand_map import HandMap
+from cogrip.client.hand.velocity import largest_impedance
+from cogrip.client.seat.rendered_damper import refusal
 from cogrip.devices.for_user import make_for
 from cogrip.protocol.rotations import exp
 from cogrip.protocol.settings import SeatSettings, resolve, seat_settings

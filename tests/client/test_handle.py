@@ -8,8 +8,8 @@ from typing import Any
 
 import pytest
 
-from cogrip.client.handle import HandleReader, has_handle
-from cogrip.client.pose_axes import PoseAxes, in_lengths
+from cogrip.client.hand.handle import HandleReader, has_handle
+from cogrip.client.hand.pose_axes import PoseAxes, in_lengths
 from cogrip.devices import make
 from cogrip.devices.device import Sample
 from cogrip.devices.for_user import FirstAxes

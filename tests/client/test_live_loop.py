@@ -10,7 +10,7 @@ from cogrip.client import loop
 from cogrip.client.inputs import Connect
 from cogrip.client.io.paths import JoinError
 from cogrip.client.loop import Ended, LiveClient, fade_out
-from cogrip.client.safety import FAULT_OUT_S
+from cogrip.client.safety.limiter import FAULT_OUT_S
 from cogrip.devices.device import DeviceError, Sample
 from cogrip.machine import pacing
 from cogrip.machine.pacing import Pacer

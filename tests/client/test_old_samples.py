@@ -7,8 +7,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from cogrip.client.hand.velocity import MotionObserver, memory_for
 from cogrip.client.inputs import DeviceFailed, DeviceOpened, ForceApplied, Rearm
-from cogrip.client.velocity import MotionObserver, memory_for
 from cogrip.devices.device import Sample
 from cogrip.protocol import messages
 from cogrip.protocol.messages import Stamp, State

@@ -9,8 +9,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from cogrip.client.coupling.passivity_control import ASTRAY_MPS, RESERVE_J, SOFT_NPS, PassivityControl
 from cogrip.client.inputs import DeviceFailed, ForceApplied, Poll, Stop
-from cogrip.client.passivity_control import ASTRAY_MPS, RESERVE_J, SOFT_NPS, PassivityControl
 from cogrip.protocol import messages
 from cogrip.protocol.clock import Clock
 from cogrip.protocol.line.energy_sums import CompensatedSum

@@ -9,8 +9,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from cogrip.client.inputs import Stop
-from cogrip.client.safety import RAMP_IN_S
-from cogrip.client.seated import LEAVE_FADE_S
+from cogrip.client.safety.limiter import RAMP_IN_S
+from cogrip.client.seat.seated import LEAVE_FADE_S
 from cogrip.devices.device import Sample
 from cogrip.protocol.accounts import LinkCount
 from cogrip.protocol.messages import Hello, Waves

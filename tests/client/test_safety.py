@@ -8,7 +8,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from cogrip.client.safety import (
+from cogrip.client.safety.limiter import (
     AT_LIMIT_S,
     FAULT_OUT_S,
     IGNORED,

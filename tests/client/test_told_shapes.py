@@ -5,10 +5,10 @@ from itertools import pairwise
 import pytest
 from msgspec import structs
 
-from cogrip.client.force_limits import SOFT_SLOPE_NPS
-from cogrip.client.local_contact import LocalFaces, LocalWall
-from cogrip.client.local_scene import LocalScene
-from cogrip.client.oscillation import OscillationDetector
+from cogrip.client.coupling.local_contact import LocalFaces, LocalWall
+from cogrip.client.coupling.local_scene import LocalScene
+from cogrip.client.safety.force_limits import SOFT_SLOPE_NPS
+from cogrip.client.safety.oscillation import OscillationDetector
 from cogrip.protocol.drawing import MOST_LOCAL, MOST_PAIRS, Shape
 from cogrip.protocol.line.sender import LineSender
 from cogrip.protocol.messages import Geom

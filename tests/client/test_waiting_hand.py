@@ -2,8 +2,8 @@
 
 import pytest
 
+from cogrip.client.hand.waiting_hand import MOST_WAIT_S, WaitingHand
 from cogrip.client.markers import Markers
-from cogrip.client.waiting_hand import MOST_WAIT_S, WaitingHand
 from cogrip.devices.registry import make
 from cogrip.devices.simulated.device import SimulatedDevice
 from cogrip.protocol.messages import Mark

@@ -11,8 +11,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from msgspec.structs import replace
 
-from cogrip.client.line_tuner import GENTLE, RATE, LineTuner
-from cogrip.client.wave_coupling import WaveCoupling
+from cogrip.client.coupling.line_tuner import GENTLE, RATE, LineTuner
+from cogrip.client.coupling.wave_coupling import WaveCoupling
 from cogrip.protocol.clock import Clock
 from cogrip.protocol.line.concealment import YIELDING_GAIN
 from cogrip.protocol.line.sender import LineSender

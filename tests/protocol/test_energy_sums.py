@@ -11,7 +11,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from cogrip.client.wave_coupling import WaveCoupling
+from cogrip.client.coupling.wave_coupling import WaveCoupling
 from cogrip.protocol.clock import Clock
 from cogrip.protocol.line import energy_ledger
 from cogrip.protocol.line.concealment import CONCEALMENTS

@@ -16,7 +16,7 @@ from typing import Any
 import numpy as np
 from msgspec.structs import replace
 
-from cogrip.client.safety import NEAR_THERMAL_LIMIT
+from cogrip.client.safety.limiter import NEAR_THERMAL_LIMIT
 from cogrip.devices.device import Capability, Sample
 from cogrip.devices.simulated.hands import SineSettings, directed, sine_course
 from cogrip.protocol.settings import Settings

@@ -13,7 +13,7 @@ import numpy as np
 import pytest
 from msgspec import structs
 
-from cogrip.client.velocity import largest_impedance
+from cogrip.client.hand.velocity import largest_impedance
 from cogrip.devices.device import Device, DeviceError, Sample
 from cogrip.devices.for_user import make_for
 from cogrip.devices.registry import is_input_only, make, stand_ins

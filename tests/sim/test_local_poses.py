@@ -10,7 +10,7 @@ import pytest
 from msgspec.structs import replace
 
 from cogrip.cli.settings.shipped_settings import shipped_scene
-from cogrip.client.local_contact import LENT_J, MOST_SAVED_J
+from cogrip.client.coupling.local_contact import LENT_J, MOST_SAVED_J
 from cogrip.protocol.messages import Geom, Waves, decode
 from cogrip.protocol.network_profiles import PROFILES
 from cogrip.protocol.recording.reader import open_recording

@@ -11,8 +11,8 @@ from typing import Any
 
 import pytest
 
-from cogrip.client.force_limits import SOFT_SLOPE_NPS
 from cogrip.client.inputs import CloseLedger
+from cogrip.client.safety.force_limits import SOFT_SLOPE_NPS
 from cogrip.devices.device import MOST_SLOPE_NPS
 from cogrip.protocol.session import QUIET_NS
 from cogrip.protocol.settings import Settings, resolve

@@ -10,8 +10,8 @@ import pytest
 from msgspec.structs import replace
 
 from cogrip.client import inputs as client_inputs
-from cogrip.client.force_limits import SOFT_SLOPE_NPS
 from cogrip.client.inputs import CloseLedger
+from cogrip.client.safety.force_limits import SOFT_SLOPE_NPS
 from cogrip.protocol.accounts import ClientAccount
 from cogrip.protocol.hand_settings import UNCHANGED, parsed
 from cogrip.protocol.messages import SetHand as Message

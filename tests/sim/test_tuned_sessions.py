@@ -9,7 +9,7 @@ import pytest
 from msgspec import to_builtins
 from msgspec.structs import replace
 
-from cogrip.client.wave_coupling import WaveCoupling
+from cogrip.client.coupling.wave_coupling import WaveCoupling
 from cogrip.experiments.methods.case import run_session
 from cogrip.experiments.methods.measures import swing_n
 from cogrip.experiments.methods.method import session_settings

@@ -25,8 +25,8 @@ from cogrip.analysis.linear_session import (
     seats_on_devices,
 )
 from cogrip.analysis.stability import SEARCHED_FROM_NPM, Limit, Verdict, largest_stable, optimistic_limit, verdict
-from cogrip.client.rendered_damper import ROUNDING, bound_words, damper_key, damper_on, refusal, rounded_down
-from cogrip.client.velocity import Bound, largest_impedance
+from cogrip.client.hand.velocity import Bound, largest_impedance
+from cogrip.client.seat.rendered_damper import ROUNDING, bound_words, damper_key, damper_on, refusal, rounded_down
 from cogrip.devices.device import MOST_SLOPE_NPS, Capability
 from cogrip.devices.for_user import make_for
 from cogrip.devices.registry import is_input_only

@@ -16,7 +16,7 @@ from cogrip.analysis.finding import LEVELS, Level, plain, said_of, warning_rows
 from cogrip.analysis.lifted_model import LiftedModel
 from cogrip.analysis.linear_session import ModelError
 from cogrip.analysis.stability import Limit
-from cogrip.client.rendered_damper import rounded_down
+from cogrip.client.seat.rendered_damper import rounded_down
 from cogrip.devices.device import DeviceError
 from cogrip.machine.addition import add_integers
 from cogrip.protocol.settings import Settings, resolve

@@ -2,8 +2,8 @@
 
 from math import inf, pi
 
-from cogrip.client.rendered_damper import damper_on
-from cogrip.client.velocity import lag_ticks, largest_impedance
+from cogrip.client.hand.velocity import lag_ticks, largest_impedance
+from cogrip.client.seat.rendered_damper import damper_on
 from cogrip.devices.device import MOST_SLOPE_NPS, Capability
 from cogrip.protocol.effects import Effect
 from cogrip.protocol.settings import SeatSettings, Settings

@@ -14,8 +14,8 @@ from typing import Literal, NamedTuple, assert_never
 import numpy as np
 
 from cogrip.analysis.state_space import Complex
-from cogrip.client.rendered_damper import damper_key, seat_on
-from cogrip.client.velocity import MEMORY, memory_for
+from cogrip.client.hand.velocity import MEMORY, memory_for
+from cogrip.client.seat.rendered_damper import damper_key, seat_on
 from cogrip.devices.device import Capability, Device
 from cogrip.devices.for_user import address_of, make_for
 from cogrip.devices.settings import parse_address

@@ -19,8 +19,8 @@ from cogrip.analysis.feel import on_wall, slow_feel
 from cogrip.analysis.lifted_model import LiftedModel
 from cogrip.analysis.linear_session import linear_session
 from cogrip.analysis.stability import Limit, largest_stable
-from cogrip.client.rendered_damper import damper_key, rounded_down
-from cogrip.client.velocity import largest_impedance
+from cogrip.client.hand.velocity import largest_impedance
+from cogrip.client.seat.rendered_damper import damper_key, rounded_down
 from cogrip.devices.for_user import make_for
 from cogrip.protocol.settings import Settings, rates_of, resolve
 

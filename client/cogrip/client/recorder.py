@@ -11,9 +11,9 @@ from typing import Any
 import msgspec
 
 from cogrip.client.core import ClientCore
-from cogrip.client.device_port import DevicePort
 from cogrip.client.inputs import ClientInput
-from cogrip.client.seated import MakePort
+from cogrip.client.safety.device_port import DevicePort
+from cogrip.client.seat.seated import MakePort
 from cogrip.client.tick_record import TickRecord
 from cogrip.devices.device import Capability
 from cogrip.devices.sample import Sample

@@ -1,6 +1,6 @@
 """Kinds of coupling, by `coupling.kind` of the settings, and what all that reads settings needs to know of each.
 
-What each end makes of a kind is in its own table: `cogrip.client.schemes` and `cogrip.server.schemes`.
+What each end makes of a kind is in its own table: `cogrip.client.coupling.schemes` and `cogrip.server.schemes`.
 """
 
 from typing import NamedTuple

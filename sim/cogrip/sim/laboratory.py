@@ -17,9 +17,9 @@ from itertools import count
 from typing import Literal
 
 from cogrip.client import inputs
-from cogrip.client.device_port import BarePort, DevicePort
 from cogrip.client.path_migration import PathMigration
 from cogrip.client.recorder import RecordedClient
+from cogrip.client.safety.device_port import BarePort, DevicePort
 from cogrip.client.supervised_device import SupervisedDevice
 from cogrip.devices.device import Device
 from cogrip.devices.for_user import address_of, make_for

@@ -37,7 +37,7 @@ from cogrip.cli.terminal.problem import BadInput, Problem, above_zero
 from cogrip.cli.terminal.screen import LiveScreen, may_draw
 from cogrip.client.io.paths import JoinError, RefusedError
 from cogrip.client.loop import Ended, LiveClient
-from cogrip.client.rendered_damper import OverloadError
+from cogrip.client.seat.rendered_damper import OverloadError
 from cogrip.devices.device import DeviceError
 from cogrip.devices.simulated.device import SimulatedDevice
 from cogrip.devices.web.family import public

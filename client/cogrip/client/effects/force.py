@@ -14,16 +14,16 @@ from collections import deque
 from collections.abc import Callable, Sequence
 from math import hypot, inf
 
-from cogrip.client.coupling import DelayLine
-from cogrip.client.device_port import DevicePort
+from cogrip.client.coupling.interface import DelayLine
 from cogrip.client.effects.active import Texture, Vibration
 from cogrip.client.effects.fields import ViscousField
+from cogrip.client.effects.hand_aids import part_of
 from cogrip.client.effects.laws import ActiveLaw, PassiveLaw, Row
 from cogrip.client.effects.springs import ForbiddenZone, GuidingPath, Magnet
 from cogrip.client.effects.tank import EnergyTank
-from cogrip.client.hand_aids import part_of
-from cogrip.client.hand_map import HandMap
-from cogrip.client.safety import Safety
+from cogrip.client.hand.hand_map import HandMap
+from cogrip.client.safety.device_port import DevicePort
+from cogrip.client.safety.limiter import Safety
 from cogrip.devices.device import MOST_SLOPE_NPS, Capability
 from cogrip.machine.addition import add_floats
 from cogrip.protocol.accounts import EffectAccount

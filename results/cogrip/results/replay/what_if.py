@@ -15,7 +15,7 @@ from typing import Any, Literal
 import msgspec
 
 from cogrip.client.recorder import start_of
-from cogrip.client.rendered_damper import refusal
+from cogrip.client.seat.rendered_damper import refusal
 from cogrip.devices.device import Capability
 from cogrip.devices.for_user import address_of
 from cogrip.protocol.messages import DEVICE_BYTES, SHORT, Hello
