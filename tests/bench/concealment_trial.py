@@ -19,7 +19,7 @@ from cogrip.client.inputs import CloseLedger
 from cogrip.protocol.line.concealment import CONCEALMENTS
 from cogrip.protocol.line.jitter_buffer import Frames
 from cogrip.protocol.settings import resolve
-from cogrip.server.wave_port import WavePort
+from cogrip.server.ports.wave_port import WavePort
 from cogrip.sim.laboratory import Laboratory
 
 CLEAN = "clean link"

@@ -21,8 +21,8 @@ from cogrip.protocol.line.receiver import LineReceiver
 from cogrip.protocol.line.sender import Frame, LineSender
 from cogrip.protocol.messages import decode
 from cogrip.protocol.settings import resolve, seat_settings
-from cogrip.server.seat_limits import SeatLimits
-from cogrip.server.wave_port import WavePort
+from cogrip.server.ports.seat_limits import SeatLimits
+from cogrip.server.ports.wave_port import WavePort
 
 from tests.interpreted import needs_interpreted
 

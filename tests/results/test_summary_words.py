@@ -21,7 +21,7 @@ from cogrip.results.summary_values import energy, number, share
 from cogrip.results.traces import load_run
 from cogrip.results.verdict import judgements, succeeded
 from cogrip.results.verdict_text import MANY_LATE, verdict
-from cogrip.server.participants import MOST_EARLIER, Seat, SeatSession
+from cogrip.server.seats.participants import MOST_EARLIER, Seat, SeatSession
 from cogrip.sim.laboratory import Laboratory
 
 from tests.results.reported_runs import printed

@@ -13,8 +13,8 @@ from cogrip.server.io import checkpoint_file
 from cogrip.server.io.control import Request, SetHand
 from cogrip.server.io.hand_orders import HandOrders
 from cogrip.server.io.housekeeping import POLL_EVERY_NS, Housekeeping
+from cogrip.server.io.loop import LiveServer
 from cogrip.server.io.state_folder import make_folder
-from cogrip.server.loop import LiveServer
 from cogrip.server.rate_limit import RateLimiter
 from cogrip.server.unencrypted_channel import UnencryptedListener
 from cogrip.sim.laboratory import Laboratory

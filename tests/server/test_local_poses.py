@@ -6,8 +6,8 @@ import pytest
 from cogrip.protocol.clock import Clock
 from cogrip.protocol.messages import Stamp, Waves
 from cogrip.protocol.settings import resolve, seat_settings
-from cogrip.server.local_port import LocalPort
-from cogrip.server.seat_limits import SeatLimits
+from cogrip.server.ports.local_port import LocalPort
+from cogrip.server.ports.seat_limits import SeatLimits
 from cogrip.server.worlds.local_scene import LocalScene
 from cogrip.server.worlds.scene_text import SceneError
 

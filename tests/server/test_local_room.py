@@ -11,9 +11,9 @@ from cogrip.protocol import messages
 from cogrip.protocol.line.sender import LineSender
 from cogrip.protocol.messages import Geom, Stamp, Waves
 from cogrip.protocol.settings import SettingsError, resolve
-from cogrip.server.local_port import LocalPort
+from cogrip.server.ports.local_port import LocalPort
+from cogrip.server.ports.seat_limits import FASTER, Record
 from cogrip.server.room import Room
-from cogrip.server.seat_limits import FASTER, Record
 from cogrip.server.worlds.local_scene import LocalScene
 
 T = 1 / 128

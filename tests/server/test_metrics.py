@@ -15,8 +15,8 @@ from cogrip.protocol.accounts import LinkCount
 from cogrip.protocol.messages import Stamp, Waves
 from cogrip.protocol.settings import resolve
 from cogrip.server.io.metrics_families import families
+from cogrip.server.ports.seat_limits import Record
 from cogrip.server.room import Room
-from cogrip.server.seat_limits import Record
 from cogrip.server.snapshot import (
     FRESH_NS,
     REFRESHED_ROOMS,

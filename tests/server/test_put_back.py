@@ -8,8 +8,8 @@ from cogrip.protocol import messages
 from cogrip.protocol.line.sender import LineSender
 from cogrip.protocol.messages import Stamp, State, Waves
 from cogrip.protocol.settings import resolve
+from cogrip.server.ports.seat_limits import Record
 from cogrip.server.room import Room
-from cogrip.server.seat_limits import Record
 from cogrip.server.worlds.world import REACH_M
 
 FRAME_NS = 7_812_500

@@ -17,9 +17,7 @@ from cogrip.protocol.settings import (
     resolve,
 )
 from cogrip.protocol.waves import wave_of
-from cogrip.server.observers import VIEWS_HZ
-from cogrip.server.room import Room
-from cogrip.server.seat_limits import (
+from cogrip.server.ports.seat_limits import (
     BURST_S,
     MOST_S,
     Record,
@@ -29,6 +27,8 @@ from cogrip.server.seat_limits import (
     limits_of,
     misclaimed,
 )
+from cogrip.server.room import Room
+from cogrip.server.seats.observers import VIEWS_HZ
 
 FRAME_S = 1 / 128
 PHANTOM = Record("sim:phantom?hand=reach", 3, 1024.0, 8.5, 2.0)

@@ -16,8 +16,8 @@ from cogrip.protocol.messages import Edges, Stamp, encode
 from cogrip.protocol.settings import Settings, resolve
 from cogrip.results.laboratory_run import run_laboratory
 from cogrip.results.records import open_run
-from cogrip.server.observers import _person
 from cogrip.server.rate_limit import limits_for
+from cogrip.server.seats.observers import _person
 from cogrip.sim import laboratory as session_laboratory
 from cogrip.sim.laboratory import Laboratory
 

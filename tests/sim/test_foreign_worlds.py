@@ -18,10 +18,10 @@ from cogrip.server.admission import AdmissionServices
 from cogrip.server.checkpoint import CheckpointError, decode, encode
 from cogrip.server.core import ServerCore
 from cogrip.server.io.call_limit import call_limit
-from cogrip.server.loop import LiveServer
+from cogrip.server.io.loop import LiveServer
+from cogrip.server.ports.seat_limits import Record
 from cogrip.server.rate_limit import RateLimiter
 from cogrip.server.room import Room
-from cogrip.server.seat_limits import Record
 from cogrip.server.unencrypted_channel import UnencryptedListener
 from cogrip.server.worlds.conformance import CHECKS, Subject
 from cogrip.server.worlds.guarded import GuardedWorld

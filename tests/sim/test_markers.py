@@ -19,7 +19,7 @@ from cogrip.results import laboratory_run
 from cogrip.results.laboratory_run import run_laboratory
 from cogrip.results.records import open_run
 from cogrip.server import inputs
-from cogrip.server.markers import BURST, MOST_TOLD, TOLD_S, Markers
+from cogrip.server.seats.markers import BURST, MOST_TOLD, TOLD_S, Markers
 from cogrip.sim.laboratory import Laboratory
 from cogrip.sim.link import LinkEmulator
 

@@ -21,10 +21,10 @@ from cogrip.server.checkpoint import RoomCheckpoint
 from cogrip.server.events import ServerEvent
 from cogrip.server.joining import Joining
 from cogrip.server.outputs import Outputs
-from cogrip.server.participants import Observer, Seat
 from cogrip.server.room import Room
 from cogrip.server.schemes import FRAMES
 from cogrip.server.seat_assignment import Place, SeatTable
+from cogrip.server.seats.participants import Observer, Seat
 
 MOST_BYTES = messages.MAX_MESSAGE_BYTES
 FAREWELL_EVERY_NS = 50_000_000  # time between two farewells to a client that has not received one

@@ -11,10 +11,10 @@ from cogrip.protocol.texts import shown
 from cogrip.server.admission import AdmissionServices, Denied, Grant
 from cogrip.server.events import ServerEvent
 from cogrip.server.outputs import Outputs
-from cogrip.server.participants import Observer, Seat
+from cogrip.server.ports.seat_limits import record_of
 from cogrip.server.room import Room
 from cogrip.server.seat_assignment import SeatTable, find_observer_slot, find_seat
-from cogrip.server.seat_limits import record_of
+from cogrip.server.seats.participants import Observer, Seat
 
 
 class Joining:

@@ -35,9 +35,9 @@ from cogrip.server.admission import AdmissionServices, Authenticator, Denied, Gr
 from cogrip.server.core import ServerCore
 from cogrip.server.events import ServerEvent
 from cogrip.server.inputs import CloseLedger, Idle, ServerInput
-from cogrip.server.observers import VIEWS_HZ
 from cogrip.server.outputs import Outputs
 from cogrip.server.room import Room
+from cogrip.server.seats.observers import VIEWS_HZ
 
 WHO = "server"
 KINDS = ("datagram_in", "datagram_out", "input", "answer", "event", "account", "gap", "clock")

@@ -22,18 +22,18 @@ from cogrip.protocol.session import LOST_NS
 from cogrip.protocol.settings import Settings, seat_settings
 from cogrip.protocol.settings_digest import digest
 from cogrip.server.checkpoint import VERSION, CheckpointError, RoomCheckpoint
-from cogrip.server.departures import Departure, let_leave, watch_object
-from cogrip.server.effects import EffectSender, RoomEffects
-from cogrip.server.geometry_sender import GeometrySender
-from cogrip.server.hand_changes import HandChanges
-from cogrip.server.markers import Markers
-from cogrip.server.observers import ObserverSlots
-from cogrip.server.participants import Seat
-from cogrip.server.port import Row
+from cogrip.server.ports.port import Row
+from cogrip.server.ports.seat_limits import BURST_S, Record, SeatLimits, limits_of
 from cogrip.server.schemes import SCHEMES, make_room_world
-from cogrip.server.seat_limits import BURST_S, Record, SeatLimits, limits_of
-from cogrip.server.seat_state import account_of, place_again, put_back
-from cogrip.server.stiffness_adaptation import StiffnessAdapter
+from cogrip.server.seats.effects import EffectSender, RoomEffects
+from cogrip.server.seats.geometry_sender import GeometrySender
+from cogrip.server.seats.hand_changes import HandChanges
+from cogrip.server.seats.markers import Markers
+from cogrip.server.seats.observers import ObserverSlots
+from cogrip.server.seats.participants import Seat
+from cogrip.server.seats.state import account_of, place_again, put_back
+from cogrip.server.seats.stiffness_adaptation import StiffnessAdapter
+from cogrip.server.worlds.departures import Departure, let_leave, watch_object
 from cogrip.server.worlds.world import WorldError
 
 RESERVED_NS = 5_000_000_000  # time for which a restored seat is reserved for its ticket's holder

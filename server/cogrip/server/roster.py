@@ -10,8 +10,8 @@ from cogrip.protocol.hand_settings import UNCHANGED
 
 if TYPE_CHECKING:  # the command that asks needs no room, and none of numpy
     from cogrip.protocol.clock import Clock
-    from cogrip.server.participants import Participant
     from cogrip.server.room import Room
+    from cogrip.server.seats.participants import Participant
 
 MOST_LISTED = 100  # most entries in an answer
 

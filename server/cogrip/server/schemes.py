@@ -11,12 +11,12 @@ from cogrip.protocol.messages import Frame, Power, State, Waves
 from cogrip.protocol.object_kinds import KINDS
 from cogrip.protocol.setting_types import Kind
 from cogrip.protocol.settings import SeatSettings, Settings
-from cogrip.server.local_port import LocalPort
-from cogrip.server.port import Port
-from cogrip.server.power_port import PowerPort
-from cogrip.server.seat_limits import SeatLimits
-from cogrip.server.state_port import StatePort
-from cogrip.server.wave_port import WavePort
+from cogrip.server.ports.local_port import LocalPort
+from cogrip.server.ports.port import Port
+from cogrip.server.ports.power_port import PowerPort
+from cogrip.server.ports.seat_limits import SeatLimits
+from cogrip.server.ports.state_port import StatePort
+from cogrip.server.ports.wave_port import WavePort
 from cogrip.server.worlds.lagged import CoupledWorld, PaperWorld
 from cogrip.server.worlds.local_faces import LocalFacesWorld
 from cogrip.server.worlds.power import PowerWorld

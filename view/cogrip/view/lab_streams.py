@@ -12,7 +12,7 @@ from math import nan
 from cogrip.client.observer import ObserverCore
 from cogrip.protocol.setting_types import PLACES
 from cogrip.protocol.settings import SeatSettings
-from cogrip.server.observers import VIEWS_HZ
+from cogrip.server.seats.observers import VIEWS_HZ
 
 AXES = "xyz"
 

@@ -33,11 +33,11 @@ from cogrip.results.folder import SERVER_RECORDING, write_settings, write_warnin
 from cogrip.results.summary import of_room
 from cogrip.results.verdict import came, succeeded
 from cogrip.server.io.housekeeping import Housekeeping
+from cogrip.server.io.loop import FLOOR_BYTES, LiveServer
 from cogrip.server.io.metrics_feed import MetricsError, MetricsFeed, open_metrics
 from cogrip.server.io.run_retention import GB
 from cogrip.server.io.state_folder import StateError, StateFolder, state_path
 from cogrip.server.io.udp_port import HostError, ServeError
-from cogrip.server.loop import FLOOR_BYTES, LiveServer
 
 if TYPE_CHECKING:
     from cogrip.cli.session.serve_cluster import ClusterJob, ClusterServer
