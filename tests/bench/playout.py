@@ -13,7 +13,7 @@ from cogrip.protocol.line.receiver import LATE
 from cogrip.protocol.link_profile import Link
 from cogrip.protocol.network_profiles import PROFILES
 from cogrip.protocol.rates import Hz, Rates
-from cogrip.protocol.settings import Playout
+from cogrip.protocol.settings_sections import Playout
 from cogrip.results.folder import finite
 
 from tests.bench.playout_trial import (

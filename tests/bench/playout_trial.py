@@ -11,7 +11,7 @@ from dataclasses import dataclass
 from math import inf, sin
 
 from cogrip.protocol.accounts import PlayoutAccount
-from cogrip.protocol.line.jitter_buffer import Frames
+from cogrip.protocol.line.delays import Frames
 from cogrip.protocol.line.receiver import LATE, LineReceiver
 from cogrip.protocol.line.sender import LineSender
 from cogrip.protocol.link_profile import LinkProfile

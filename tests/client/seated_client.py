@@ -19,8 +19,9 @@ from cogrip.protocol.accounts import ClientAccount
 from cogrip.protocol.line.sender import LineSender
 from cogrip.protocol.messages import PROTOCOL_VERSION, Hello, Stamp, Waves, Welcome
 from cogrip.protocol.rates import due_ns
+from cogrip.protocol.seat_settings import SeatSettings
 from cogrip.protocol.session import make_hello
-from cogrip.protocol.settings import SeatSettings, resolve, seat_settings
+from cogrip.protocol.settings import resolve, seat_settings
 
 DEVICE_HZ, M = 1024, 8
 T_C, T_N = 1 / DEVICE_HZ, 1 / 128

@@ -13,7 +13,7 @@ from cogrip.client.safety.energy_ledger import EnergyLedger
 from cogrip.protocol.accounts import PlayoutAccount
 from cogrip.protocol.line.sender import LineSender
 from cogrip.protocol.messages import Waves
-from cogrip.protocol.settings import SeatSettings
+from cogrip.protocol.seat_settings import SeatSettings
 
 from tests.client.seated_client import Client, at_ns, next_waves, seat
 

@@ -13,7 +13,8 @@ from cogrip.client.hand.velocity import largest_impedance
 from cogrip.client.seat.rendered_damper import refusal
 from cogrip.devices.for_user import make_for
 from cogrip.protocol.rotations import exp
-from cogrip.protocol.settings import SeatSettings, resolve, seat_settings
+from cogrip.protocol.seat_settings import SeatSettings
+from cogrip.protocol.settings import resolve, seat_settings
 from cogrip.protocol.settings_table import SettingsError
 from cogrip.protocol.tool_frame import ToolFrame, rotation_of
 

@@ -15,7 +15,7 @@ from cogrip.devices.device import Sample
 from cogrip.protocol.accounts import LinkCount
 from cogrip.protocol.messages import Hello, Waves
 from cogrip.protocol.session import QUIET_NS
-from cogrip.protocol.settings import Playout
+from cogrip.protocol.settings_sections import Playout
 
 from tests.client.seated_client import DEVICE_HZ, ROOT, T_N, Client, M, at_ns, walk
 

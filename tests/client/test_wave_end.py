@@ -15,8 +15,9 @@ from cogrip.client.coupling.line_tuner import GENTLE, RATE, LineTuner
 from cogrip.client.coupling.wave_coupling import WaveCoupling
 from cogrip.protocol.clock import Clock
 from cogrip.protocol.line.concealment import YIELDING_GAIN
+from cogrip.protocol.line.line_in_use import FOLLOW_S
 from cogrip.protocol.line.sender import LineSender
-from cogrip.protocol.line_tuning import FOLLOW_S, Tuning
+from cogrip.protocol.line_tuning import Tuning
 from cogrip.protocol.loop_meter import LoopMeter
 from cogrip.protocol.messages import Waves, decode
 

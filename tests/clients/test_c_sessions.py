@@ -12,7 +12,7 @@ from msgspec.structs import replace
 from cogrip.protocol import messages
 from cogrip.protocol.messages import Edges, Waves, decode
 from cogrip.protocol.rates import Rates
-from cogrip.protocol.settings import Playout
+from cogrip.protocol.settings_sections import Playout
 from cogrip.protocol.texts import clipped
 from cogrip.server.inputs import Kick, Stop
 

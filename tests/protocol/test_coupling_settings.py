@@ -6,8 +6,9 @@ import pytest
 
 from cogrip.protocol.coupling_settings import LEAST_FILTER_HZ, LineTuning
 from cogrip.protocol.line_tuning import USUAL_NSPM, corner_hz, tuning
-from cogrip.protocol.settings import Settings, coupling_of, resolve, seat_settings
+from cogrip.protocol.settings import coupling_of, resolve, seat_settings
 from cogrip.protocol.settings_digest import digest
+from cogrip.protocol.settings_sections import Settings
 from cogrip.protocol.settings_table import SettingsError
 
 AUTO = {"impedance_nspm": "auto", "wave_filter_hz": "auto"}

@@ -8,8 +8,7 @@ import pytest
 from msgspec.structs import replace
 
 from cogrip.protocol.coupling_settings import Coupling
-from cogrip.protocol.hello_padding import HELLO_BYTES
-from cogrip.protocol.messages import MalformedError, Welcome, decode, encode
+from cogrip.protocol.messages import HELLO_BYTES, MalformedError, Welcome, decode, encode
 from cogrip.protocol.session import ClientSession, unfit_axes
 from cogrip.protocol.settings import resolve, seat_settings
 from cogrip.protocol.settings_digest import digest

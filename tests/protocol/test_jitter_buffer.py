@@ -15,7 +15,7 @@ from cogrip.protocol.line.receiver import LATE, MOST_UNHEARD, LineReceiver
 from cogrip.protocol.line.sender import LineSender
 from cogrip.protocol.link_profile import LinkProfile
 from cogrip.protocol.rates import Rates
-from cogrip.protocol.settings import Playout
+from cogrip.protocol.settings_sections import Playout
 from cogrip.sim.link import HOLD_MS
 
 from tests.extent import long

@@ -8,7 +8,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from cogrip.protocol import line_tuning
-from cogrip.protocol.line_tuning import ImpedanceChanges, LoopFollower, bounded, corner_hz, filter_lag_s, flat_s, tuning
+from cogrip.protocol.line.line_in_use import ImpedanceChanges, LoopFollower
+from cogrip.protocol.line_tuning import bounded, corner_hz, filter_lag_s, flat_s, tuning
 from cogrip.protocol.loop_meter import LoopMeter
 from cogrip.protocol.setting_types import Prefer
 

@@ -23,8 +23,9 @@ from cogrip.protocol.accounts import (
 from cogrip.protocol.effects import MOST_POINTS, Effect
 from cogrip.protocol.hand_settings import HandChange, WorkspaceLimit
 from cogrip.protocol.messages import HELLO_BYTES, VIEWED_SEATS, Hello, MalformedError, decode, encode, padded
+from cogrip.protocol.seat_settings import SeatSettings
 from cogrip.protocol.session import ClientSession, foreign_version, make_hello, nonce_of
-from cogrip.protocol.settings import SeatSettings, resolve, seat_settings
+from cogrip.protocol.settings import resolve, seat_settings
 from cogrip.protocol.texts import TEXT_BYTES, clipped
 
 from tests.protocol.valid_values import valid

@@ -9,7 +9,8 @@ import pytest
 
 from cogrip.protocol.link_profile import LinkProfile
 from cogrip.protocol.network_profiles import PROFILES, ProfileName
-from cogrip.protocol.settings import SeatSettings, resolve, seat_settings
+from cogrip.protocol.seat_settings import SeatSettings
+from cogrip.protocol.settings import resolve, seat_settings
 from cogrip.protocol.settings_table import SettingsError
 
 from tests.protocol.spec_page import rows

@@ -14,7 +14,8 @@ from cogrip.protocol.network_rate import (
 )
 from cogrip.protocol.network_rate import best_rate as best
 from cogrip.protocol.rates import Rates
-from cogrip.protocol.settings import Playout, Settings, resolve
+from cogrip.protocol.settings import resolve
+from cogrip.protocol.settings_sections import Playout, Settings
 from cogrip.protocol.settings_table import SettingsError
 
 

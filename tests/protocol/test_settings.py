@@ -16,9 +16,11 @@ from cogrip.protocol import settings as schema
 from cogrip.protocol.line.delays import line_delay
 from cogrip.protocol.link_profile import LinkProfile
 from cogrip.protocol.rates import Rates
+from cogrip.protocol.seat_settings import SeatSettings
 from cogrip.protocol.setting_types import MOST_RENDERED_NPM
-from cogrip.protocol.settings import Playout, SeatSettings, Settings, resolve, seat_settings
+from cogrip.protocol.settings import resolve, seat_settings
 from cogrip.protocol.settings_digest import digest
+from cogrip.protocol.settings_sections import Playout, Settings
 from cogrip.protocol.settings_table import SettingsError, parse_override
 
 

@@ -22,8 +22,10 @@ from cogrip.protocol.line.receiver import LineReceiver
 from cogrip.protocol.line.sender import LineSender
 from cogrip.protocol.link_profile import LinkProfile
 from cogrip.protocol.messages import MalformedError, decode, encode
+from cogrip.protocol.seat_settings import SeatSettings
 from cogrip.protocol.session import ClientSession
-from cogrip.protocol.settings import Coupling, Object, Playout, SeatSettings, resolve
+from cogrip.protocol.settings import Coupling, resolve
+from cogrip.protocol.settings_sections import Object, Playout
 from cogrip.server import unencrypted_channel
 from cogrip.server.admission import AdmissionServices
 from cogrip.server.core import ServerCore

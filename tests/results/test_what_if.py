@@ -17,7 +17,8 @@ from cogrip.devices.device import Capability
 from cogrip.devices.for_user import make_for
 from cogrip.protocol.messages import Hello
 from cogrip.protocol.recording.reader import Message, RecordingError, open_recording
-from cogrip.protocol.settings import Settings, User, resolve
+from cogrip.protocol.settings import resolve
+from cogrip.protocol.settings_sections import Settings, User
 from cogrip.protocol.settings_table import SettingsError
 from cogrip.results.comparison import settings_differences
 from cogrip.results.laboratory_run import run_laboratory

@@ -14,7 +14,8 @@ from cogrip.protocol.line.sender import LineSender
 from cogrip.protocol.messages import Hello, Leave, Stamp, Welcome
 from cogrip.protocol.recording.records import Input
 from cogrip.protocol.session import LOST_NS, make_hello
-from cogrip.protocol.settings import Settings, resolve
+from cogrip.protocol.settings import resolve
+from cogrip.protocol.settings_sections import Settings
 from cogrip.server.admission import AdmissionServices, Denied, Grant
 from cogrip.server.inputs import CloseLedger, Idle, Kick, Revoke, ServerInput, Stop, UnbindAddress, decode
 from cogrip.server.recorder import INPUT, KINDS, RecordedServer

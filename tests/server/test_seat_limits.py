@@ -8,14 +8,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from cogrip.protocol.messages import NO_BOUND, Stamp, State
-from cogrip.protocol.settings import (
-    HUMAN_POWER_W,
-    REMOTE_FORCE_N,
-    REMOTE_SPEED_MPS,
-    Settings,
-    for_remote_clients,
-    resolve,
-)
+from cogrip.protocol.settings import for_remote_clients, resolve
+from cogrip.protocol.settings_sections import HUMAN_POWER_W, REMOTE_FORCE_N, REMOTE_SPEED_MPS, Settings
 from cogrip.protocol.waves import wave_of
 from cogrip.server.ports.seat_limits import (
     BURST_S,

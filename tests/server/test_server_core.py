@@ -14,8 +14,9 @@ from cogrip.protocol.channel import Address
 from cogrip.protocol.messages import Farewell, Heartbeat, Hello, Leave, Refuse, Stamp, State, Waves, Welcome
 from cogrip.protocol.rates import Rates
 from cogrip.protocol.session import LOST_NS, make_hello
-from cogrip.protocol.settings import Settings, resolve
+from cogrip.protocol.settings import resolve
 from cogrip.protocol.settings_digest import digest
+from cogrip.protocol.settings_sections import Settings
 from cogrip.server.admission import AdmissionServices
 from cogrip.server.core import FAREWELL_EVERY_NS, ServerCore
 from cogrip.server.inputs import Stop

@@ -7,7 +7,8 @@ from hypothesis import strategies as st
 
 from cogrip.protocol.felt_stiffness import MOST_GAIN
 from cogrip.protocol.loop_meter import LoopMeter
-from cogrip.protocol.settings import SeatSettings, resolve, seat_settings
+from cogrip.protocol.seat_settings import SeatSettings
+from cogrip.protocol.settings import resolve, seat_settings
 from cogrip.server.admission import AdmissionServices
 from cogrip.server.core import ServerCore
 from cogrip.server.schemes import make_world

@@ -6,7 +6,8 @@ from typing import Any, TypeVar
 
 from cogrip.protocol.accounts import ClientAccount
 from cogrip.protocol.recording.reader import open_recording
-from cogrip.protocol.settings import Playout, resolve
+from cogrip.protocol.settings import resolve
+from cogrip.protocol.settings_sections import Playout
 from cogrip.results.replay.verify import verify
 from cogrip.results.summary import of_laboratory
 from cogrip.sim.laboratory import Laboratory

@@ -13,7 +13,8 @@ from cogrip.devices.device import Device, Sample
 from cogrip.devices.for_user import make_for
 from cogrip.protocol.handle import MOST_AT_ONCE, Handle
 from cogrip.protocol.messages import Edges, Stamp, encode
-from cogrip.protocol.settings import Settings, resolve
+from cogrip.protocol.settings import resolve
+from cogrip.protocol.settings_sections import Settings
 from cogrip.results.laboratory_run import run_laboratory
 from cogrip.results.records import open_run
 from cogrip.server.rate_limit import limits_for

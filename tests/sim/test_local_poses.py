@@ -16,7 +16,8 @@ from cogrip.protocol.network_profiles import PROFILES
 from cogrip.protocol.recording.reader import open_recording
 from cogrip.protocol.recording.records import Datagram
 from cogrip.protocol.rotations import between, exp
-from cogrip.protocol.settings import Settings, resolve
+from cogrip.protocol.settings import resolve
+from cogrip.protocol.settings_sections import Settings
 from cogrip.results.folder import SERVER_RECORDING
 from cogrip.results.laboratory_run import run_laboratory
 from cogrip.results.replay.verify import verify

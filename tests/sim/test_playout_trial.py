@@ -14,7 +14,8 @@ from cogrip.protocol.line.receiver import LATE
 from cogrip.protocol.link_profile import Link, LinkProfile
 from cogrip.protocol.network_profiles import ProfileName
 from cogrip.protocol.rates import Rates
-from cogrip.protocol.settings import Playout, resolve
+from cogrip.protocol.settings import resolve
+from cogrip.protocol.settings_sections import Playout
 from cogrip.sim.laboratory import Laboratory
 
 from tests.bench.playout_trial import TICKS, Arrivals, arrivals, beaten, best_fixed, fixed_delays, lateness, play, ratio

@@ -10,7 +10,8 @@ from numpy.typing import NDArray
 
 from cogrip.cli.settings.settings_file import load
 from cogrip.protocol.rotations import between, exp
-from cogrip.protocol.settings import Settings, SettingsError, resolve
+from cogrip.protocol.settings import SettingsError, resolve
+from cogrip.protocol.settings_sections import Settings
 from cogrip.server.worlds import orientation_drift
 from cogrip.server.worlds.guarded import GuardedWorld
 from cogrip.server.worlds.registry import ALLOWED

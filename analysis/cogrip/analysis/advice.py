@@ -32,7 +32,9 @@ from cogrip.devices.for_user import make_for
 from cogrip.devices.registry import is_input_only
 from cogrip.protocol.felt_stiffness import OutOfReachError, compensated_stiffness
 from cogrip.protocol.line.concealment import held_force
-from cogrip.protocol.settings import SeatSettings, Settings, seat_axes, seat_settings
+from cogrip.protocol.seat_settings import SeatSettings
+from cogrip.protocol.settings import seat_axes, seat_settings
+from cogrip.protocol.settings_sections import Settings
 from cogrip.results.felt_as_intended import STIFFNESS_JND
 
 AMPLE = 1.5  # factor on a session's stiffness up to which it should stay stable

@@ -16,7 +16,9 @@ from cogrip.devices.settings import parse_address
 from cogrip.machine.addition import add_floats
 from cogrip.protocol.line.delays import line_delay
 from cogrip.protocol.line_tuning import filter_lag_s
-from cogrip.protocol.settings import SeatSettings, Settings, User, seat_axes, seat_settings
+from cogrip.protocol.seat_settings import SeatSettings
+from cogrip.protocol.settings import seat_axes, seat_settings
+from cogrip.protocol.settings_sections import Settings, User
 
 LIGHT_GRIP_N = 3.0  # force with which a hand presses, where the settings' hand does not say
 DEEP_M, OUT_OF_REACH_M = 0.01, 0.05

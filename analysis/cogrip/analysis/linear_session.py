@@ -26,8 +26,10 @@ from cogrip.protocol.line.delays import OneWayDelay, line_delay, one_way
 from cogrip.protocol.line_tuning import filter_lag_s
 from cogrip.protocol.object_kinds import kind_of
 from cogrip.protocol.rates import Rates
+from cogrip.protocol.seat_settings import SeatSettings
 from cogrip.protocol.setting_types import Decimator, Encoder, Kind, ServerStep
-from cogrip.protocol.settings import SeatSettings, Settings, User, seat_axes, seat_settings
+from cogrip.protocol.settings import seat_axes, seat_settings
+from cogrip.protocol.settings_sections import Settings, User
 
 Scheme = Literal["passive", "paper", "coupling"]
 MOST_FRAMES = 256

@@ -16,8 +16,8 @@ from cogrip.devices.device import Capability, Device, DeviceError, Sample, check
 from cogrip.devices.simulated.ideal import IdealSettings, capability
 from cogrip.machine.stop import Stop
 from cogrip.protocol.accounts import ClientAccount
+from cogrip.protocol.seat_settings import SeatSettings
 from cogrip.protocol.session import ClientSession
-from cogrip.protocol.settings import SeatSettings
 from cogrip.results.folder import client_recording
 from cogrip.sim.link import LinkEmulator
 

@@ -24,8 +24,8 @@ from cogrip.machine.histogram import DurationHistogram
 from cogrip.machine.tick_count import Percentiles, TickCount
 from cogrip.protocol.accounts import ClientAccount, DelayAccount
 from cogrip.protocol.messages import Bodies, Effects, Geom, Hello, Mark, Person, SetHand, Stamp, Waves, encode
+from cogrip.protocol.seat_settings import SeatSettings
 from cogrip.protocol.session import ClientSession
-from cogrip.protocol.settings import SeatSettings
 
 TOLD = Person, Bodies, Geom, Mark, SetHand, Effects
 

@@ -33,8 +33,8 @@ from cogrip.protocol.link_profile import LinkProfile
 from cogrip.protocol.messages import Farewell, Hello
 from cogrip.protocol.recording.header import Header, versions_here
 from cogrip.protocol.recording.sink import Nowhere, pack
+from cogrip.protocol.seat_settings import SeatSettings
 from cogrip.protocol.session import ClientSession
-from cogrip.protocol.settings import SeatSettings
 from cogrip.protocol.texts import clipped_mark, shown
 
 CHORES_S = 0.004  # time from one look at paths, orders and the session's end to the next

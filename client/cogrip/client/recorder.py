@@ -18,8 +18,7 @@ from cogrip.client.tick_record import TickRecord
 from cogrip.devices.device import Capability
 from cogrip.devices.sample import Sample
 from cogrip.protocol.accounts import ClientAccount
-from cogrip.protocol.hello_padding import with_short_device, with_whole_device
-from cogrip.protocol.messages import Hello
+from cogrip.protocol.messages import Hello, with_short_device, with_whole_device
 from cogrip.protocol.recording.records import Datagram, Event, Ledger
 from cogrip.protocol.recording.secrets import without_secrets
 from cogrip.protocol.recording.sink import CoreRecorder, ObservedQueue, Sink, encode, topics

@@ -10,6 +10,7 @@ from cogrip.machine.addition import add_floats
 from cogrip.protocol import decimation
 from cogrip.protocol import felt_stiffness as felt
 from cogrip.protocol import setting_types as types
+from cogrip.protocol.axes import GRIP_AXES
 from cogrip.protocol.coupling_kinds import COUPLING_KINDS, CouplingKind
 from cogrip.protocol.line.delays import Direction, PlayoutDelay, line_delay
 from cogrip.protocol.line_tuning import USUAL_NSPM, corner_hz, filter_lag_s, kept_tuning, tuning
@@ -58,7 +59,7 @@ class Coupling(CouplingBase, frozen=True, forbid_unknown_fields=True):
     def fits(self, axes: int) -> bool:
         """Return whether it has the impedance that a seat of so many axes needs, and not the other."""
         unset = self.grip_impedance_nspm is msgspec.UNSET, self.rotational_impedance_nms is msgspec.UNSET
-        return unset == ((False, True) if axes == types.GRIP_AXES else (True, False))
+        return unset == ((False, True) if axes == GRIP_AXES else (True, False))
 
     @property
     def further_impedance(self) -> float:

@@ -8,7 +8,7 @@ A decimator gets one wave a device tick and gives one a frame. `boxcar` cannot c
 from collections.abc import Callable, Sequence
 from math import exp, expm1
 
-from cogrip.protocol.setting_types import PLACES, POSE_AXES
+from cogrip.protocol.axes import PLACES, POSE_AXES
 
 Wave = Sequence[float]
 NOTHING = (0.0,) * POSE_AXES

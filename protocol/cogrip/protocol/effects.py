@@ -12,8 +12,9 @@ from typing import Annotated, Literal
 import msgspec
 from msgspec.structs import replace
 
+from cogrip.protocol.axes import PLACES
 from cogrip.protocol.drawing import Shape
-from cogrip.protocol.setting_types import PLACES, Name
+from cogrip.protocol.setting_types import Name
 
 EffectKind = Literal["viscous", "vibration", "texture", "magnet", "path", "zone"]
 MOST_EFFECTS = 16  # most effects of one seat at once

@@ -6,17 +6,14 @@ A text is what stands behind `cogrip set NAME key=` and in the settings: one par
 from collections.abc import Callable, Mapping, Sequence
 from difflib import get_close_matches
 from math import isfinite
-from typing import TYPE_CHECKING, Annotated, Any, Literal
+from typing import Annotated, Any, Literal
 
 import msgspec
 from msgspec.structs import asdict, replace
 
+from cogrip.protocol.axes import PLACES
 from cogrip.protocol.rotations import UNTURNED, log
-from cogrip.protocol.setting_types import PLACES
 from cogrip.protocol.tool_frame import LEAST_SCALE, MOST_SCALE, Button, Part, Rotation, Scale, ToolFrame, rotation_of
-
-if TYPE_CHECKING:
-    from cogrip.protocol.settings import SeatSettings
 
 MOST_LIMIT_M = 10.0
 LimitText = Annotated[str, msgspec.Meta(max_length=160)]
@@ -221,14 +218,6 @@ def parsed(pairs: Sequence[str]) -> HandChange:
     if not found:
         raise ValueError(f"nothing to set; write key=value with one of {', '.join(KEYS)}")
     return HandChange(**found)
-
-
-def of_seat(seat: "SeatSettings") -> HandChange:
-    """Return what holds of a seat's hand as its session begins, but for a clutch that its button holds."""
-    frame = seat.tool or ToolFrame()
-    return HandChange(
-        frame.position_scale, frame.force_scale, frame.rotation, False, seat.workspace_limit, seat.gravity_compensation
-    )
 
 
 def unfit(change: HandChange, axes: int) -> str:

@@ -12,6 +12,7 @@ from typing import Annotated, Literal
 import msgspec
 
 from cogrip.protocol.accounts import ClientAccount, RoomAccount, SeatAccount
+from cogrip.protocol.axes import PLACES, POSE_AXES
 from cogrip.protocol.drawing import (
     MOST_SHAPES,
     MOST_SURFACE_BYTES,
@@ -27,15 +28,10 @@ from cogrip.protocol.drawing import (
 from cogrip.protocol.effects import MOST_EFFECTS, Effect, EffectTank
 from cogrip.protocol.hand_settings import HandChange
 from cogrip.protocol.handle import Buttons, EdgeCount, Handle, Opening, Quaternion, is_unit
-from cogrip.protocol.hello_padding import DEVICE_BYTES as DEVICE_BYTES
-from cogrip.protocol.hello_padding import HELLO_BYTES as HELLO_BYTES
-from cogrip.protocol.hello_padding import SHORT as SHORT
-from cogrip.protocol.hello_padding import padded as padded
-from cogrip.protocol.hello_padding import with_whole_device
-from cogrip.protocol.setting_types import MOST_WAVES, PLACES, POSE_AXES, SeatNumber
-from cogrip.protocol.settings import SeatSettings
+from cogrip.protocol.seat_settings import SeatSettings
+from cogrip.protocol.setting_types import MOST_WAVES, SeatNumber
 from cogrip.protocol.texts import MARK_BYTES as MARK_BYTES
-from cogrip.protocol.texts import TEXT_BYTES
+from cogrip.protocol.texts import TEXT_BYTES, clipped
 from cogrip.protocol.tool_frame import Scale
 
 MOST_WAIT_MS = 600_000  # longest wait for a server that restarts
@@ -44,6 +40,9 @@ MAGIC: Literal["cogrip"] = "cogrip"
 MAX_DATAGRAM_BYTES = 1232  # longest datagram: it fits one IPv6 packet on every path (RFC 8200: 1280 less the headers)
 DTLS_BYTES = 37  # bytes that DTLS adds to a message: record header 13, AES-GCM nonce 8 and tag 16
 MAX_MESSAGE_BYTES = MAX_DATAGRAM_BYTES - DTLS_BYTES
+HELLO_BYTES = 1024  # length to which a hello is padded: no answer to an unauthenticated peer is longer than its request
+SHORT = 40  # most characters of a ShortText
+DEVICE_BYTES = 200  # longest device address: its beginning stands in `device`, the whole in the padding
 LEAVE_TEXT_BYTES = 160  # longest text of a leave, which has an account behind it
 
 Counter = Annotated[int, msgspec.Meta(ge=0, le=2**53)]
@@ -440,3 +439,30 @@ def decode(datagram: bytes) -> AnyMessage:
     except (msgspec.DecodeError, UnicodeDecodeError, RecursionError) as error:
         raise MalformedError(str(error)) from None
     return with_whole_device(message) if type(message) is Hello else message
+
+
+def padded(hello: Hello) -> bytes:
+    """Return a hello at its full length of HELLO_BYTES. The padding is always a bin 16: so every length is possible."""
+    short = with_short_device(hello)
+    bare = encode(msgspec.structs.replace(short, padding=b""))[:-2]
+    length = HELLO_BYTES - len(bare) - 3
+    return bare + b"\xc5" + length.to_bytes(2, "big") + short.padding[:length].ljust(length, b"\0")
+
+
+def with_short_device(hello: Hello) -> Hello:
+    """Return a hello in wire form: a device address that is too long for its field stands whole in the padding."""
+    if len(hello.device) <= SHORT:
+        return msgspec.structs.replace(hello, padding=b"")
+    whole = clipped(hello.device, DEVICE_BYTES).encode()
+    return msgspec.structs.replace(hello, device=hello.device[:SHORT], padding=whole)
+
+
+def with_whole_device(hello: Hello) -> Hello:
+    """Return a hello from its wire form: the padding's text up to a zero is the address, if it begins with the field's."""
+    try:
+        whole = hello.padding[: DEVICE_BYTES + 1].partition(b"\0")[0].decode()
+    except UnicodeDecodeError:
+        whole = ""
+    longer = len(whole) > SHORT == len(hello.device) and len(whole.encode()) <= DEVICE_BYTES
+    fits = longer and whole.startswith(hello.device)
+    return msgspec.structs.replace(hello, device=whole, padding=b"") if fits else hello

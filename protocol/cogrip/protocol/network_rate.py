@@ -5,7 +5,7 @@ served (`cogrip.server.frame_cost`). Every run is written with a number.
 """
 
 from collections.abc import Mapping, Sequence
-from typing import TYPE_CHECKING, Any, Literal, Protocol
+from typing import Any, Literal, Protocol
 
 import msgspec
 
@@ -13,9 +13,7 @@ from cogrip.machine.addition import add_floats
 from cogrip.protocol.line.delays import Direction, PlayoutDelay, line_delay
 from cogrip.protocol.object_kinds import kind_of
 from cogrip.protocol.rates import Rates, misfit
-
-if TYPE_CHECKING:
-    from cogrip.protocol.settings import Settings
+from cogrip.protocol.settings_sections import Settings
 
 AUTO = "auto"
 RATES_HZ = (128, 256, 512, 1024)
@@ -76,7 +74,7 @@ def take_auto(table: dict[str, Any]) -> bool:
     return True
 
 
-def stated_frame_s(settings: "Settings") -> float:
+def stated_frame_s(settings: Settings) -> float:
     """Return what a frame takes the server by the numbers above [s]."""
     return PERSON_S * len(settings.users) + WORLD_S * (not kind_of(settings.object.kind).spring)
 

@@ -1,17 +1,15 @@
 """Settings that fit a kind of object, and those that do not."""
 
 from collections.abc import Sequence
-from typing import TYPE_CHECKING
 
+from cogrip.protocol.axes import GRIP_AXES, PLACES, POSE_AXES
 from cogrip.protocol.object_kinds import KINDS, LOCAL_KINDS, kind_of, unfit_kind
-from cogrip.protocol.setting_types import GRIP_AXES, MOST_WAVES, PINCH, PLACES, POSE_AXES
+from cogrip.protocol.setting_types import MOST_WAVES, PINCH
+from cogrip.protocol.settings_sections import Settings
 from cogrip.protocol.task import unfit
 
-if TYPE_CHECKING:
-    from cogrip.protocol.settings import Settings
 
-
-def unfit_object(settings: "Settings", compensated: Sequence[str]) -> str:
+def unfit_object(settings: Settings, compensated: Sequence[str]) -> str:
     """Return why settings do not fit their kind of object, with the cure; "" where they do. compensated: who asks for that."""
     given, coupling = settings.object, settings.coupling
     local = coupling.traits.local

@@ -12,6 +12,7 @@ import msgspec
 
 from cogrip.protocol import messages
 from cogrip.protocol.accounts import ClientAccount
+from cogrip.protocol.axes import GRIP_AXES, POSE_AXES
 from cogrip.protocol.clock import Clock
 from cogrip.protocol.messages import (
     PROTOCOL_VERSION,
@@ -28,7 +29,6 @@ from cogrip.protocol.messages import (
     Welcome,
 )
 from cogrip.protocol.rates import LEAST_DEVICE_HZ
-from cogrip.protocol.setting_types import GRIP_AXES, POSE_AXES
 from cogrip.protocol.texts import clipped, shown
 
 HELLO_EVERY_NS = 250_000_000

@@ -1,4 +1,4 @@
-"""Types of settings with their bounds, and numbers of axes."""
+"""Types of settings with their bounds."""
 
 from typing import Annotated, Literal
 
@@ -30,7 +30,5 @@ RecordBound = Annotated[float, msgspec.Meta(gt=0.0, le=1e6)]
 Seed = Annotated[int, msgspec.Meta(ge=0, le=2**53)]
 Seconds = Annotated[float, msgspec.Meta(gt=0.0, le=1e6)]
 SeatNumber = Annotated[int, msgspec.Meta(ge=0, le=255)]
-PLACES, POSE_AXES = 3, 6  # axes of a place, and of a pose: a place [m] and a rotation vector [rad]
-GRIP_AXES = PLACES + 1  # axes of a place and the opening of a gripper with force [m]
 PINCH = "pinch"  # tool of a hand with a gripper; "pinch:BODY" is a body of the scene
 MOST_WAVES = 78  # most waves of one datagram, over all axes

@@ -1,18 +1,18 @@
-"""The TOML schema of every command: types, bounds, defaults (docs/settings.md).
+"""Settings of a room, from a TOML table with overrides, and of each of its seats.
 
-Units are in the names. `resolve` turns the raw table into `Settings` or raises SettingsError, which names the setting, its
-value, the bound and the cure. `seat_settings` returns what one user's client and seat must agree on.
+`resolve` turns the raw table into `Settings` or raises SettingsError, which names the setting, its value, the bound and the
+cure. `seat_settings` returns what one user's client and seat must agree on.
 """
 
 from collections import Counter
 from collections.abc import Mapping
-from typing import Annotated, Any, Literal
+from typing import Any
 
 import msgspec
 from msgspec.structs import replace
 
 from cogrip.protocol import felt_stiffness as felt
-from cogrip.protocol import setting_types as types
+from cogrip.protocol.axes import GRIP_AXES, PLACES, POSE_AXES
 from cogrip.protocol.coupling_settings import (
     Coupling,
     CouplingSection,
@@ -22,252 +22,22 @@ from cogrip.protocol.coupling_settings import (
     round_trip_s,
     unfit_line,
 )
-from cogrip.protocol.effects import MOST_EFFECTS, TANK_MJ, EffectSection, EffectTank, unfit_section
-from cogrip.protocol.hand_settings import NO_LIMIT, HandSection, WorkspaceLimit
-from cogrip.protocol.line_tuning import Tuning, kept_tuning, tuning
-from cogrip.protocol.link_profile import Link, LinkProfile, check_link
+from cogrip.protocol.effects import unfit_section
+from cogrip.protocol.hand_settings import WorkspaceLimit
+from cogrip.protocol.link_profile import LinkProfile, check_link
 from cogrip.protocol.network_rate import best_rate, stated_frame_s, take_auto
 from cogrip.protocol.object_fit import unfit_object
-from cogrip.protocol.object_kinds import KindText, LocalKindText, kind_of, shared_kind
-from cogrip.protocol.rates import DeviceHz, Hz, Rates, misfit
-from cogrip.protocol.setting_types import MOST_RENDERED_NPM, PLACES, POSE_AXES, Name, Seconds, Seed, Side
+from cogrip.protocol.rates import Rates, misfit
+from cogrip.protocol.seat_settings import SeatSettings
+from cogrip.protocol.setting_types import MOST_RENDERED_NPM
+from cogrip.protocol.settings_sections import (
+    ONLY_USER,
+    REMOTE,
+    Settings,
+    User,
+)
 from cogrip.protocol.settings_table import SettingsError, copied, override, readable, refuse_unknown
-from cogrip.protocol.task import Task
 from cogrip.protocol.tool_frame import ToolFrame
-
-HUMAN_POWER_W = 10.0  # mean power of a hand on a hand-sized device (docs/security.md)
-REMOTE_FORCE_N = 40.0  # peak force that a record may claim: as strong as the arms on the market
-REMOTE_SPEED_MPS = 4.0
-REMOTE_TORQUE_NM = 3.0
-REMOTE_SPEED_RADPS = 40.0
-REMOTE: Mapping[str, float] = {
-    "force_n": REMOTE_FORCE_N, "speed_mps": REMOTE_SPEED_MPS, "torque_nm": REMOTE_TORQUE_NM, "speed_radps": REMOTE_SPEED_RADPS,
-}  # fmt: skip
-"""Bounds of device records, by field of `Admission`, where it sets none."""
-MOST_PEOPLE = 256
-ONLY_USER = "anna"  # name of the person where a file names no users
-
-
-class RatesSection(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
-    """[rates]: of the device loop, and of network and object."""
-
-    device_hz: DeviceHz = 1024
-    network_hz: Hz = 128
-
-
-class Object(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
-    """The virtual object, as both ends know it."""
-
-    kind: KindText = "cube"
-    mass_kg: types.Mass = 0.2
-    damping_nspm: types.Damping = 0.0
-    axes: Annotated[int, msgspec.Meta(ge=1, le=POSE_AXES)] = 1
-
-
-class ObjectSection(Object, frozen=True, forbid_unknown_fields=True):
-    """[object]: of a scene also its files, start and steps a frame, which are the server's own: no welcome carries them."""
-
-    # kind of the object; with the folder of a file, made absolute where settings are loaded
-    kind: LocalKindText = "cube"
-    file: str = ""  # path of an MJCF or URDF file; made absolute where settings are loaded
-    folder: str = ""  # folder outside of which no file of a scene is read, absolute as `file`; "" the folder of `file`
-    keyframe: str = ""  # keyframe in which a scene begins; "" as its bodies stand
-    ctrl: tuple[float, ...] = ()  # constant control of each actuator of a scene; () as the keyframe has it, else 0
-    substeps: Annotated[int, msgspec.Meta(ge=1, le=64)] = 4
-
-    def shared(self, axes: int) -> Object:
-        """Return what both ends of a seat of `axes` axes know."""
-        return Object(shared_kind(self.kind), self.mass_kg, self.damping_nspm, axes)
-
-
-class Playout(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
-    """[playout]: playout delay, redundancy, credit and concealment of both lines (SPEC.md 5)."""
-
-    frames: Annotated[int, msgspec.Meta(ge=0, le=256)] | Literal["auto"] = "auto"  # auto: adapted to the jitter
-    late: Annotated[float, msgspec.Meta(ge=0.0, le=0.2)] = 0.01  # rate of late frames that "auto" aims at
-    redundancy: Annotated[int, msgspec.Meta(ge=1, le=32)] = 8
-    tank_mj: Annotated[float, msgspec.Meta(ge=0.0, le=1e3)] = 80.0
-    concealment: types.Concealed = "elastic"  # strategy for frames that are missing
-
-
-class Admission(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
-    """Admission control and limits of seats. The server's own: no welcome carries it."""
-
-    observers: Annotated[int, msgspec.Meta(ge=0, le=64)] = 8  # most observers of this room at once
-    # most seats that one token holds at once, in all rooms
-    seats_per_token: Annotated[int, msgspec.Meta(ge=1, le=65536)] = 8
-    devices: Literal["any", "listed"] = "any"  # listed: a seat takes the device named for it in [[users]] alone
-    # Bounds of device records: a record that claims more is refused, one without a bound gets this one. None: any; in an
-    # encrypted room the bounds of `for_remote_clients`.
-    force_n: types.RecordBound | None = None
-    speed_mps: types.RecordBound | None = None
-    torque_nm: types.RecordBound | None = None
-    speed_radps: types.RecordBound | None = None
-    power_w: types.Watts = HUMAN_POWER_W  # mean power of a seat; 0: F V of its record
-
-
-class User(HandSection, frozen=True, forbid_unknown_fields=True):
-    """One seat. The fields that are None are [coupling]'s; device_hz [rates]'s."""
-
-    name: Name = ""
-    device: str = "sim:phantom"
-    hand: str = "reach"
-    side: Side = "left"
-    device_mass_kg: types.Mass = 0.1
-    device_damping_nspm: types.Damping = 0.0
-    impedance_nspm: types.Impedance | types.Auto | None = None
-    wave_filter_hz: types.FilterHz | types.Auto | None = None
-    prefer: types.Prefer | None = None
-    stiffness_npm: types.Stiffness | None = None
-    damping_nspm: types.Damping | None = None
-    decimator: types.Decimator | None = None
-    encoder: types.Encoder | None = None
-    compensate: bool | None = None
-    device_hz: DeviceHz | None = None
-    power_w: types.Watts | None = None  # mean power of this person's seat; None: [admission]'s
-    tool: str = ""  # body of a scene that this person moves; "" one is added; PINCH: with a gripper
-    # orientation of that tool: "driven" by the hand; "" driven where the room has six axes, else as the body's joints have it
-    orientation: types.Orientation = ""
-    rotational_impedance_nms: types.RotationalImpedance | None = None
-    grip_impedance_nspm: types.Impedance | None = None
-
-    @property
-    def grips(self) -> bool:
-        """True where the hand drives a gripper, whose opening is an axis of its line."""
-        return self.tool.partition(":")[0] == types.PINCH
-
-
-class Settings(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
-    """All settings of a room."""
-
-    name: Name = "session"
-    seed: Seed = 1
-    seconds: Seconds = 10.0
-    rates: RatesSection = RatesSection()
-    coupling: CouplingSection = CouplingSection()
-    object: ObjectSection = ObjectSection()
-    task: Task = Task()
-    link: Link = Link()
-    playout: Playout = Playout()
-    admission: Admission = Admission()
-    users: Annotated[tuple[User, ...], msgspec.Meta(min_length=1, max_length=MOST_PEOPLE)] = (User(name=ONLY_USER),)
-    effects: Annotated[tuple[EffectSection, ...], msgspec.Meta(max_length=MOST_EFFECTS)] = ()
-    # energy of each person that vibration and texture may draw, and that fixtures cost
-    effect_tank_mj: EffectTank = TANK_MJ
-
-
-class SeatSettings(msgspec.Struct, frozen=True, array_like=True):
-    """Settings that a seat's two ends share: sent in the welcome, bound by its digest."""
-
-    room: Name
-    user: Name
-    seat: types.SeatNumber
-    seed: Seed
-    seconds: Seconds
-    rates: Rates
-    coupling: Coupling
-    rendered_npm: types.Rendered  # K of the spring that the server integrates: [coupling]'s, or the compensated K'
-    object: Object
-    side: Side
-    playout: Playout
-    up: LinkProfile
-    down: LinkProfile
-    line: LineTuning = LineTuning()
-    people: Annotated[int, msgspec.Meta(ge=1, le=MOST_PEOPLE)] = 1  # number of seats of the room
-    tool: ToolFrame | None = None  # frame of the tool; None: it moves as the hand does
-    workspace_limit: WorkspaceLimit = NO_LIMIT
-    gravity_compensation: bool = False
-
-    def __post_init__(self) -> None:
-        if not self.coupling.fits(self.object.axes):
-            raise ValueError(
-                f"a seat of {self.object.axes} axes needs the impedance of its gripper, or of turning, alone"
-            )
-
-    @property
-    def side_sign(self) -> float:
-        """Direction in which this person pushes along the first axis: +1 from the left, -1 from the right."""
-        return 1.0 if self.side == "left" else -1.0
-
-    @property
-    def one_sided(self) -> bool:
-        """True where the contact can only push (theory section 3.4)."""
-        return kind_of(self.object.kind).one_sided
-
-    @property
-    def asked_npm(self) -> float | None:
-        """K that was asked for, at the hand; None where no spring stands between a person and the object."""
-        spring = self.coupling.traits.local or kind_of(self.object.kind).spring
-        return self.force_scale * self.coupling.stiffness_npm if spring else None
-
-    @property
-    def force_scale(self) -> float:
-        """s: stiffness at the hand by that at the tool."""
-        return self.tool.force_scale if self.tool else 1.0
-
-    @property
-    def local_contact(self) -> str | None:
-        """Kind of object with which the client renders contact itself; None where the line does it all."""
-        return self.object.kind if self.coupling.traits.local else None
-
-    @property
-    def copy_kg(self) -> float:
-        """Mass of a client's own copy of a free object, as much as the server keeps where everybody is there; 0 without one."""
-        return self.object.mass_kg / (self.people + 1) if self.local_contact == "faces" else 0.0
-
-    @property
-    def holds_still(self) -> bool:
-        """True where a hand can press on what nobody moves: the stiffness that it feels is measured there."""
-        kind = self.object.kind
-        return kind_of(kind).fixed or (self.coupling.traits.local and kind == "scene")
-
-    @property
-    def adapts_stiffness(self) -> bool:
-        """True where the server adapts the spring to the measured loop (docs/decisions/0012-measured-delay.md)."""
-        coupling = self.coupling
-        return coupling.compensate and coupling.traits.felt_through_waves and coupling.server_step == "passive"
-
-    def at_impedance(self, impedance_nspm: float) -> "SeatSettings":
-        """Return the seat with b in use: a compensated spring is that of the line with this b."""
-        seat = replace(self, coupling=replace(self.coupling, impedance_nspm=impedance_nspm))
-        if impedance_nspm == self.coupling.impedance_nspm or not self.adapts_stiffness:
-            return seat
-        compliance = seat.line_compliance(self.loop_s / self.rates.frame_s)
-        return replace(seat, rendered_npm=felt.reachable_stiffness(self.coupling.stiffness_npm, compliance))
-
-    def tuning_on(self, loop_s: float, carried_nspm: float) -> Tuning:
-        """Return what "auto" chooses on a loop of this time and a device that carries so much [N s/m]."""
-        if self.coupling.compensate:
-            return kept_tuning(self.line.prefer, carried_nspm)
-        return tuning(loop_s, self.line.prefer, carried_nspm)
-
-    @property
-    def loop_s(self) -> float:
-        """Loop time as the settings say it, playout delay included [s]."""
-        return round_trip_s(self.playout, (self.up, self.down), self.rates) + self.rates.frame_s
-
-    def line_compliance(self, loop_frames: float) -> float:
-        """Return C_line [m/N] of theory section 4 for a measured loop of `loop_frames` network frames.
-
-        The loop counts the frames from a forward wave's own frame to the frame in which its answer is applied: 2d + 1 for d
-        frames of delay in each direction.
-        """
-        return line_compliance(self.coupling, self.line, self.rates, (loop_frames - 1.0) * self.rates.frame_s)
-
-    def predicted_stiffness(self, loop_frames: float, late_frames: float = 0.0) -> float | None:
-        """Return K_hand [N/m] of theory section 4 for a measured loop; None without waves or without a spring, and in scenes.
-
-        late_frames: age of the device's samples, and the line's position deficit [frames of its wave]: both make the line
-        softer, and no server knows of them.
-        """
-        if self.coupling.traits.local and kind_of(self.object.kind).fixed:
-            return self.force_scale * self.coupling.stiffness_npm
-        if not self.coupling.traits.felt_through_waves or not kind_of(self.object.kind).spring:
-            return None
-        rendered = self.rendered_npm
-        if self.adapts_stiffness:
-            rendered = felt.reachable_stiffness(self.coupling.stiffness_npm, self.line_compliance(loop_frames))
-        return self.force_scale * felt.felt_stiffness(rendered, self.line_compliance(loop_frames + late_frames))
 
 
 def resolve(table: Mapping[str, Any], overrides: Mapping[str, Any] | None = None) -> Settings:
@@ -346,7 +116,7 @@ def seat_axes(settings: Settings, user: User) -> int:
 
     One more where it drives a gripper.
     """
-    axes = types.GRIP_AXES if user.grips else settings.object.axes
+    axes = GRIP_AXES if user.grips else settings.object.axes
     return axes if axes < POSE_AXES or user.orientation in ("", "driven") else PLACES
 
 

@@ -18,9 +18,9 @@ from numpy.typing import NDArray
 from cogrip.machine.addition import add_integers
 from cogrip.machine.tick_count import TickCount
 from cogrip.protocol.accounts import ClientAccount, LinkCount, RoomAccount, SeatAccount
+from cogrip.protocol.axes import GRIP_AXES, PLACES
 from cogrip.protocol.recording.records import Datagram, Ledger, Poses, Record, Row, SeatStep, Sensors, Step, Tick
 from cogrip.protocol.recording.schema import unit_of
-from cogrip.protocol.setting_types import GRIP_AXES, PLACES
 from cogrip.protocol.settings import seat_axes
 from cogrip.server.recorder import address_of, start_of
 

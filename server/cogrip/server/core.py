@@ -13,7 +13,7 @@ from cogrip.protocol.messages import Edges, Effects, Farewell, Frame, Heartbeat,
 from cogrip.protocol.rates import NS_PER_S
 from cogrip.protocol.received_waves import ReceivedWaves
 from cogrip.protocol.session import LOST_NS, QUIET_NS, foreign_version, nonce_of, version_mismatch
-from cogrip.protocol.settings import Settings
+from cogrip.protocol.settings_sections import Settings
 from cogrip.protocol.texts import clipped, shown
 from cogrip.server import inputs
 from cogrip.server.admission import AdmissionServices, Denied

@@ -8,11 +8,12 @@ from collections.abc import Callable
 from statistics import median
 from typing import NamedTuple
 
+from cogrip.protocol.axes import PLACES, POSE_AXES
 from cogrip.protocol.line.sender import LineSender
 from cogrip.protocol.messages import Frame, Power, Stamp, State, Waves, decode, encode
 from cogrip.protocol.rates import NS_PER_S
-from cogrip.protocol.setting_types import PLACES, POSE_AXES
-from cogrip.protocol.settings import SeatSettings, Settings
+from cogrip.protocol.seat_settings import SeatSettings
+from cogrip.protocol.settings_sections import Settings
 from cogrip.server.ports.seat_limits import Record
 from cogrip.server.room import Room
 

@@ -11,6 +11,7 @@ import msgspec
 import numpy as np
 
 from cogrip.machine.tick_count import TickCount
+from cogrip.protocol.axes import PLACES
 from cogrip.protocol.button_edges import edge_words
 from cogrip.protocol.channel import Address
 from cogrip.protocol.messages import Hello
@@ -29,8 +30,7 @@ from cogrip.protocol.recording.records import (
 )
 from cogrip.protocol.recording.secrets import without_secrets
 from cogrip.protocol.recording.sink import CoreRecorder, ObservedQueue, Sink, encode, topics
-from cogrip.protocol.setting_types import PLACES
-from cogrip.protocol.settings import Settings
+from cogrip.protocol.settings_sections import Settings
 from cogrip.server.admission import AdmissionServices, Authenticator, Denied, Grant
 from cogrip.server.core import ServerCore
 from cogrip.server.events import ServerEvent

@@ -19,8 +19,9 @@ from cogrip.protocol.line.energy_reserve import EnergyReserve
 from cogrip.protocol.messages import Heartbeat, Mark, Waves
 from cogrip.protocol.rates import NS_PER_S
 from cogrip.protocol.session import LOST_NS
-from cogrip.protocol.settings import Settings, seat_settings
+from cogrip.protocol.settings import seat_settings
 from cogrip.protocol.settings_digest import digest
+from cogrip.protocol.settings_sections import Settings
 from cogrip.server.checkpoint import VERSION, CheckpointError, RoomCheckpoint
 from cogrip.server.ports.port import Row
 from cogrip.server.ports.seat_limits import BURST_S, Record, SeatLimits, limits_of

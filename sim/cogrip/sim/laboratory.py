@@ -28,8 +28,9 @@ from cogrip.protocol.link_profile import LinkProfile
 from cogrip.protocol.rates import due_ns
 from cogrip.protocol.recording.sink import Nowhere, Sink
 from cogrip.protocol.session import make_hello
-from cogrip.protocol.settings import Settings, rates_of, seat_axes
+from cogrip.protocol.settings import rates_of, seat_axes
 from cogrip.protocol.settings_digest import digest
+from cogrip.protocol.settings_sections import Settings
 from cogrip.protocol.version import VERSION
 from cogrip.server.admission import AdmissionServices
 from cogrip.server.checkpoint import RoomCheckpoint

@@ -12,7 +12,8 @@ from random import Random
 from typing import Any
 
 from cogrip.protocol.network_profiles import PROFILES
-from cogrip.protocol.settings import Settings, resolve
+from cogrip.protocol.settings import resolve
+from cogrip.protocol.settings_sections import Settings
 
 CLEAN = "clean"
 NETWORKS: tuple[str, ...] = tuple(PROFILES)

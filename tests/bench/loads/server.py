@@ -26,7 +26,8 @@ from cogrip.machine.receive_buffer import enlarge
 from cogrip.machine.stop import Stop
 from cogrip.protocol.channel import UnencryptedChannel
 from cogrip.protocol.io.dtls_client import DtlsClient
-from cogrip.protocol.settings import Settings, resolve, seat_settings
+from cogrip.protocol.settings import resolve, seat_settings
+from cogrip.protocol.settings_sections import Settings
 from cogrip.server.core import ServerCore
 from cogrip.server.io.authenticator import TokenAuthenticator
 from cogrip.server.io.dtls_channel import DtlsListener

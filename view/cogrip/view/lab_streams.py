@@ -10,8 +10,8 @@ from dataclasses import dataclass
 from math import nan
 
 from cogrip.client.observer import ObserverCore
-from cogrip.protocol.setting_types import PLACES
-from cogrip.protocol.settings import SeatSettings
+from cogrip.protocol.axes import PLACES
+from cogrip.protocol.seat_settings import SeatSettings
 from cogrip.server.seats.observers import VIEWS_HZ
 
 AXES = "xyz"

@@ -15,7 +15,9 @@ from cogrip.devices.replayed.device import ReplayedDevice
 from cogrip.machine.addition import add_floats
 from cogrip.protocol.line.delays import line_delay
 from cogrip.protocol.object_kinds import kind_of
-from cogrip.protocol.settings import SeatSettings, Settings, seat_axes
+from cogrip.protocol.seat_settings import SeatSettings
+from cogrip.protocol.settings import seat_axes
+from cogrip.protocol.settings_sections import Settings
 
 DEFAULT_DEVICE = "sim:phantom?hand=reach"
 # The server chooses the settings, and the model's work grows with the cube of the frames in flight: a join must not hang.

@@ -26,7 +26,8 @@ from cogrip.machine.stop import Stop, on_signals
 from cogrip.protocol.channel import place_text
 from cogrip.protocol.join_link import DEFAULT_PORT
 from cogrip.protocol.messages import MOST_WAIT_MS
-from cogrip.protocol.settings import Settings, for_remote_clients
+from cogrip.protocol.settings import for_remote_clients
+from cogrip.protocol.settings_sections import Settings
 from cogrip.protocol.texts import named
 from cogrip.protocol.version import VERSION
 from cogrip.results.folder import SERVER_RECORDING, write_settings, write_warnings

@@ -18,7 +18,7 @@ from cogrip.cli.terminal.problem import BadInput, Problem
 from cogrip.machine.stop import Stop
 from cogrip.protocol.channel import place_text
 from cogrip.protocol.network_rate import RateChoice
-from cogrip.protocol.settings import Settings
+from cogrip.protocol.settings_sections import Settings
 from cogrip.protocol.version import VERSION
 from cogrip.server.hosting.cluster.connection import ClusterError, RemoteRooms
 from cogrip.server.hosting.cluster.front import ClusterFront

@@ -13,7 +13,7 @@ from cogrip.cli.session.served_rooms import Say
 from cogrip.cli.terminal.problem import BadInput, Problem
 from cogrip.protocol.channel import Address
 from cogrip.protocol.join_link import JoinLink, LinkError, check_host
-from cogrip.protocol.settings import Settings
+from cogrip.protocol.settings_sections import Settings
 from cogrip.server.core import ServerCore
 from cogrip.server.events import ServerEvent
 from cogrip.server.io.authenticator import TokenAuthenticator

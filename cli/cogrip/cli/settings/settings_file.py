@@ -28,7 +28,8 @@ from cogrip.devices.for_user import try_for
 from cogrip.devices.registry import is_real
 from cogrip.protocol.network_rate import asks_auto
 from cogrip.protocol.object_kinds import KINDS, PYTHON, split_python
-from cogrip.protocol.settings import Settings, rates_of, resolve, seat_axes, seat_settings
+from cogrip.protocol.settings import rates_of, resolve, seat_axes, seat_settings
+from cogrip.protocol.settings_sections import Settings
 from cogrip.protocol.settings_table import SettingsError, parse_override
 
 NESTED = "is nested too deep for settings, which have three levels; take the brackets out"

@@ -23,7 +23,7 @@ from cogrip.cli.terminal.parameters import Config, Devices, Overrides
 from cogrip.cli.terminal.problem import BadInput
 from cogrip.devices.device import DeviceError
 from cogrip.protocol.object_kinds import kind_of
-from cogrip.protocol.settings import Settings
+from cogrip.protocol.settings_sections import Settings
 
 
 def advise_command(

@@ -13,7 +13,8 @@ from rich.text import Text
 from cogrip.cli.settings.settings_file import override
 from cogrip.cli.terminal.problem import BadInput
 from cogrip.cli.terminal.tables import wrapped
-from cogrip.protocol.settings import Settings, resolve, seat_settings
+from cogrip.protocol.settings import resolve, seat_settings
+from cogrip.protocol.settings_sections import Settings
 from cogrip.protocol.settings_table import SettingsError
 
 SUFFIXES = (".xml", ".mjcf", ".urdf")

@@ -19,7 +19,7 @@ from cogrip.protocol.latest_state import StateReceiver
 from cogrip.protocol.line.energy_reserve import EnergyReserve
 from cogrip.protocol.line.energy_sums import CompensatedSum
 from cogrip.protocol.messages import Geom, Latest
-from cogrip.protocol.settings import SeatSettings
+from cogrip.protocol.seat_settings import SeatSettings
 
 L = TypeVar("L", bound=Latest)
 T = TypeVar("T")

@@ -6,9 +6,10 @@ is in it is then so much less, or more, than the wave asks for. Until that is ma
 most.
 """
 
-from cogrip.protocol.line_tuning import LoopFollower, Tuning, bounded, filter_lag_s
+from cogrip.protocol.line.line_in_use import LoopFollower
+from cogrip.protocol.line_tuning import Tuning, bounded, filter_lag_s
 from cogrip.protocol.loop_meter import LoopMeter
-from cogrip.protocol.settings import SeatSettings
+from cogrip.protocol.seat_settings import SeatSettings
 
 LEAST_FRAMES = 8
 GENTLE, RATE = 0.02, 0.08

@@ -14,8 +14,8 @@ from collections.abc import Sequence
 from cogrip.client.coupling.interface import Row
 from cogrip.client.coupling.local_scene import LocalScene
 from cogrip.client.coupling.wave_coupling import WaveCoupling
-from cogrip.protocol.setting_types import PLACES
-from cogrip.protocol.settings import SeatSettings
+from cogrip.protocol.axes import PLACES
+from cogrip.protocol.seat_settings import SeatSettings
 
 _NONE = (0.0,) * PLACES
 

@@ -20,10 +20,10 @@ from cogrip.client.coupling.fixed_shapes import KINDS, FixedShape, Vector
 from cogrip.client.coupling.interface import Coupling, Row
 from cogrip.client.coupling.local_contact import LocalCoupling
 from cogrip.client.coupling.proxy import Ball, Proxy, without
+from cogrip.protocol.axes import PLACES
 from cogrip.protocol.drawing import MOST_LOCAL, MOST_PAIRS, Shape
 from cogrip.protocol.messages import Geom, Waves
-from cogrip.protocol.setting_types import PLACES
-from cogrip.protocol.settings import SeatSettings
+from cogrip.protocol.seat_settings import SeatSettings
 
 GROW_S = 0.1
 

@@ -28,7 +28,7 @@ from cogrip.protocol.line.energy_reserve import EnergyReserve
 from cogrip.protocol.line.energy_sums import CompensatedSum, rounding_fraction
 from cogrip.protocol.messages import Power, encode
 from cogrip.protocol.passivity_control import CHARGE_UP_J, LENT_J
-from cogrip.protocol.settings import SeatSettings
+from cogrip.protocol.seat_settings import SeatSettings
 
 CHARGE_SHARE = 0.5  # damper by which a hand puts in energy that the server lacks, as a fraction of b
 RESERVE_J = 4e-3  # least reserve kept of the hand's energy; more where a larger force may go astray by more

@@ -13,9 +13,10 @@ from cogrip.client.coupling.local_scene import LocalScene
 from cogrip.client.coupling.passivity_control import PassivityControl
 from cogrip.client.coupling.virtual_coupling import VirtualCoupling
 from cogrip.client.coupling.wave_coupling import WaveCoupling
+from cogrip.protocol.axes import POSE_AXES
 from cogrip.protocol.messages import Frame, Power, State, Waves
-from cogrip.protocol.setting_types import POSE_AXES, Kind
-from cogrip.protocol.settings import SeatSettings
+from cogrip.protocol.seat_settings import SeatSettings
+from cogrip.protocol.setting_types import Kind
 
 
 @dataclass(frozen=True, slots=True)

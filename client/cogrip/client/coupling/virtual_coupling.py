@@ -14,7 +14,7 @@ from cogrip.protocol.handle import Handle
 from cogrip.protocol.line.energy_reserve import EnergyReserve
 from cogrip.protocol.line.energy_sums import CompensatedSum
 from cogrip.protocol.messages import State, encode
-from cogrip.protocol.settings import SeatSettings
+from cogrip.protocol.seat_settings import SeatSettings
 
 
 class VirtualCoupling(LatestStateCoupling[State]):

@@ -29,13 +29,14 @@ from cogrip.client.hand.velocity import largest_impedance
 from cogrip.devices.device import Capability
 from cogrip.machine.addition import add_floats
 from cogrip.protocol.accounts import LineAccount, LinkCount, PlayoutAccount
+from cogrip.protocol.axes import PLACES
 from cogrip.protocol.clock import Clock
 from cogrip.protocol.handle import Handle
-from cogrip.protocol.line_tuning import ImpedanceChanges, Tuning, bounded, corner_hz
+from cogrip.protocol.line.line_in_use import ImpedanceChanges
+from cogrip.protocol.line_tuning import Tuning, bounded, corner_hz
 from cogrip.protocol.loop_meter import LoopMeter
 from cogrip.protocol.messages import Waves
-from cogrip.protocol.setting_types import PLACES
-from cogrip.protocol.settings import SeatSettings
+from cogrip.protocol.seat_settings import SeatSettings
 from cogrip.protocol.waves import device_gain, wave_of
 from cogrip.protocol.waves_encoding import encode_waves
 

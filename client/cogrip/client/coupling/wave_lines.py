@@ -14,7 +14,7 @@ from cogrip.protocol.line.receiver import LineReceiver
 from cogrip.protocol.line.sender import LineSender
 from cogrip.protocol.line.wave_filter import WaveFilter
 from cogrip.protocol.line_tuning import filter_lag_s
-from cogrip.protocol.settings import SeatSettings
+from cogrip.protocol.seat_settings import SeatSettings
 
 COMPENSATED_FRACTION = 1.0 / 16.0  # fraction of what was withheld that a frame compensates
 QUIET = 256  # frames for which two ticks must be spare before frames are sent later by one; fewer where more is spare

@@ -16,8 +16,8 @@ from dataclasses import replace
 from cogrip.client.hand.velocity import largest_impedance
 from cogrip.devices.device import Capability
 from cogrip.machine.addition import add_floats
+from cogrip.protocol.axes import PLACES, POSE_AXES
 from cogrip.protocol.rotations import UNTURNED, Quaternion, exp, inverse, log, product, turned
-from cogrip.protocol.setting_types import PLACES, POSE_AXES
 from cogrip.protocol.tool_frame import ToolFrame
 
 Row = tuple[float, ...]

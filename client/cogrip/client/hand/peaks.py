@@ -5,7 +5,7 @@ from math import dist, hypot
 from cogrip.client.hand.grip_axes import GripAxes
 from cogrip.client.hand.pose_axes import PoseAxes, Row
 from cogrip.client.hand.row_size import change_surely_below, surely_below
-from cogrip.protocol.setting_types import PLACES
+from cogrip.protocol.axes import PLACES
 
 
 class Peaks:

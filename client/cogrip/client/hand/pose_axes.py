@@ -16,8 +16,8 @@ from typing import NamedTuple
 
 from cogrip.devices.device import Capability, Sample
 from cogrip.machine.addition import add_floats
+from cogrip.protocol.axes import PLACES
 from cogrip.protocol.rotations import UNTURNED, between, exp, log, product
-from cogrip.protocol.setting_types import PLACES
 
 Row = tuple[float, ...]
 

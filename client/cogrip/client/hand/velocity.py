@@ -24,7 +24,7 @@ from math import exp, inf, pi, sqrt
 from typing import Literal
 
 from cogrip.devices.device import Capability
-from cogrip.protocol.setting_types import PLACES, POSE_AXES
+from cogrip.protocol.axes import PLACES, POSE_AXES
 
 MEMORY, LEAST_MEMORY = 0.6, 0.5
 MEMORY_TICK_S = 1.0 / 1024.0

@@ -14,7 +14,7 @@ from cogrip.client.hand.row_size import change_surely_below
 from cogrip.client.safety.thermal import ThermalLimit
 from cogrip.devices.device import MOST_SLOPE_NPS, Capability
 from cogrip.machine.addition import add_floats
-from cogrip.protocol.setting_types import PLACES
+from cogrip.protocol.axes import PLACES
 
 SOFT_SLOPE_NPS = 410.0  # largest slope after a gap: 0.4 N a tick at 1024 Hz
 SOFT_S = 0.05  # time after a gap in which the force may still return to the law with that slope

@@ -23,7 +23,7 @@ from cogrip.client.safety.force_limits import Bounds, ForceLimits, bounds_of
 from cogrip.client.safety.thermal import ThermalLimit
 from cogrip.devices.device import Capability
 from cogrip.machine.addition import add_floats
-from cogrip.protocol.setting_types import PLACES
+from cogrip.protocol.axes import PLACES
 
 RAMP_IN_S = 0.3
 RAMP_OUT_S = 0.1

@@ -13,7 +13,7 @@ from collections import deque
 from collections.abc import Sequence
 from math import cos, pi, sin, sqrt
 
-from cogrip.protocol.setting_types import PLACES
+from cogrip.protocol.axes import PLACES
 
 SHAKE_HZ = 12.0  # cut-off frequency: hands turn at this rate at most
 WINDOW_S = 0.125

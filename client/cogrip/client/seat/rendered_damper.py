@@ -10,8 +10,8 @@ from cogrip.client.coupling.schemes import SCHEMES
 from cogrip.client.hand.velocity import NOISE_N, Carried, largest_impedance
 from cogrip.devices.device import Capability, DeviceError
 from cogrip.protocol.coupling_settings import Coupling
+from cogrip.protocol.seat_settings import SeatSettings
 from cogrip.protocol.setting_types import Kind
-from cogrip.protocol.settings import SeatSettings
 
 ROUNDING = 1e-9  # relative excess over a bound that is rounding: settings are decimal
 

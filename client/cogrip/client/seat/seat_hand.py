@@ -21,11 +21,11 @@ from cogrip.client.safety.limiter import Safety
 from cogrip.client.seat.hand_motion import HandMotion
 from cogrip.devices.device import Capability
 from cogrip.devices.sample import Sample
-from cogrip.protocol.hand_settings import HandChange, of_seat, unfit
+from cogrip.protocol.axes import GRIP_AXES, PLACES, POSE_AXES
+from cogrip.protocol.hand_settings import HandChange, unfit
 from cogrip.protocol.messages import SetHand
+from cogrip.protocol.seat_settings import SeatSettings
 from cogrip.protocol.session import ClientSession
-from cogrip.protocol.setting_types import GRIP_AXES, PLACES, POSE_AXES
-from cogrip.protocol.settings import SeatSettings
 from cogrip.protocol.tool_frame import ToolFrame
 
 
@@ -63,7 +63,7 @@ class SeatHand:
         self._hand_map: HandMap | None = None  # None: the tool moves as the hand, as all but the coupling see it
         self._ordered: HandChange | None = None  # what the next frame's border changes
         self.aids = HandAids(seat.workspace_limit, seat.gravity_compensation, self.capability, seat.rates.tick_s)
-        self.changes = HandChanges(of_seat(seat))
+        self.changes = HandChanges(seat.hand_change)
 
     def _set_record(self, capability: Capability) -> None:
         self.capability = self._record = capability.first(self.settings.object.axes)

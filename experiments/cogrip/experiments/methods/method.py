@@ -15,7 +15,8 @@ import msgspec
 
 from cogrip.protocol.network_profiles import PROFILES
 from cogrip.protocol.object_kinds import LOCAL_KINDS
-from cogrip.protocol.settings import Settings, User, rates_of, resolve
+from cogrip.protocol.settings import rates_of, resolve
+from cogrip.protocol.settings_sections import Settings, User
 from cogrip.protocol.settings_table import copied
 
 CLEAN, OWN = "clean", "own"

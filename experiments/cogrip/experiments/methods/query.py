@@ -24,7 +24,8 @@ from cogrip.experiments.methods.method import (
     ideal_settings,
     session_settings,
 )
-from cogrip.protocol.settings import Settings, seat_axes
+from cogrip.protocol.settings import seat_axes
+from cogrip.protocol.settings_sections import Settings
 from cogrip.protocol.settings_table import SettingsError
 from cogrip.protocol.version import VERSION
 from cogrip.sim.input_files import files_read

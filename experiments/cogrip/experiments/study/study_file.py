@@ -15,7 +15,8 @@ from cogrip.experiments.study.spread import unfit_spread
 from cogrip.experiments.study.staircase import Staircase, unfit_staircase
 from cogrip.protocol.foreign_file import ForeignFileError
 from cogrip.protocol.setting_types import Name, Seed
-from cogrip.protocol.settings import Settings, resolve
+from cogrip.protocol.settings import resolve
+from cogrip.protocol.settings_sections import Settings
 from cogrip.protocol.settings_table import SettingsError, readable, refuse_unknown
 from cogrip.results.measures.goal import NO_GOAL, Goal, unfit_goal
 

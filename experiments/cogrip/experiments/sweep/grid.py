@@ -11,7 +11,8 @@ from typing import Any
 
 import numpy as np
 
-from cogrip.protocol.settings import Settings, resolve
+from cogrip.protocol.settings import resolve
+from cogrip.protocol.settings_sections import Settings
 from cogrip.protocol.settings_table import SettingsError
 
 MOST_CELLS = 100_000

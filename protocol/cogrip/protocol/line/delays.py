@@ -10,12 +10,13 @@ still under way. Losses are a chain of two states (Gilbert-Elliott), delays are 
 """
 
 from math import ceil, exp
-from typing import NamedTuple, Protocol
+from typing import Literal, NamedTuple, Protocol
 
 from cogrip.machine.addition import add_floats
-from cogrip.protocol.line.jitter_buffer import DEEPEST, Frames
 from cogrip.protocol.rates import Rates
 
+DEEPEST = 256  # largest playout delay [frames]
+Frames = int | Literal["auto"]
 _WHOLE = 1e-6
 """Difference to a whole number [ticks] below which a delay counts as whole: it was written in rounded milliseconds."""
 

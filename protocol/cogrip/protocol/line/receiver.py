@@ -14,9 +14,10 @@ from collections.abc import Sequence
 from cogrip.protocol.accounts import LinkCount, PlayoutAccount
 from cogrip.protocol.line.arrived_frame import ArrivedFrame
 from cogrip.protocol.line.concealment import CONCEALMENTS, clamped
+from cogrip.protocol.line.delays import Frames
 from cogrip.protocol.line.energy_ledger import HISTORY, WaveLedger
 from cogrip.protocol.line.energy_sums import BOUND_FRACTION, NOTHING, CompensatedSum
-from cogrip.protocol.line.jitter_buffer import Frames, make_jitter_buffer
+from cogrip.protocol.line.jitter_buffer import make_jitter_buffer
 from cogrip.protocol.line.sender import Frame
 from cogrip.protocol.received_waves import ReceivedWaves
 from cogrip.protocol.setting_types import Concealed

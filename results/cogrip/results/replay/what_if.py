@@ -20,7 +20,8 @@ from cogrip.devices.device import Capability
 from cogrip.devices.for_user import address_of
 from cogrip.protocol.messages import DEVICE_BYTES, SHORT, Hello
 from cogrip.protocol.recording.reader import RecordingError
-from cogrip.protocol.settings import Settings, User, rates_of, resolve, seat_settings
+from cogrip.protocol.settings import rates_of, resolve, seat_settings
+from cogrip.protocol.settings_sections import Settings, User
 from cogrip.protocol.texts import clipped
 from cogrip.results.records import End, RunRecords
 

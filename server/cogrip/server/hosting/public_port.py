@@ -12,7 +12,7 @@ from cogrip.machine.stop import Stop
 from cogrip.protocol.channel import Address, Channel, place_text
 from cogrip.protocol.messages import MAX_DATAGRAM_BYTES, Hello
 from cogrip.protocol.session import SECONDS_OVER, refusal
-from cogrip.protocol.settings import Settings
+from cogrip.protocol.settings_sections import Settings
 from cogrip.server.admission import AdmitAll, Authenticator, Denied, Grant
 from cogrip.server.events import UNAUTHENTICATED_EVENTS, ServerEvent
 from cogrip.server.hosting.link import PeerAddress

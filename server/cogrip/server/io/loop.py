@@ -22,7 +22,7 @@ from cogrip.protocol.rates import NS_PER_S
 from cogrip.protocol.recording.header import Header, versions_here
 from cogrip.protocol.recording.sink import Nowhere, pack
 from cogrip.protocol.session import SECONDS_OVER
-from cogrip.protocol.settings import Settings
+from cogrip.protocol.settings_sections import Settings
 from cogrip.protocol.version import VERSION
 from cogrip.server import inputs
 from cogrip.server.admission import AdmissionServices, AdmitAll, Authenticator

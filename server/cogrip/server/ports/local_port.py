@@ -9,11 +9,11 @@ echo.
 from math import dist
 
 from cogrip.machine.addition import add_floats
+from cogrip.protocol.axes import PLACES
 from cogrip.protocol.clock import Clock
 from cogrip.protocol.line.energy_sums import CompensatedSum
 from cogrip.protocol.received_waves import ReceivedWaves
-from cogrip.protocol.setting_types import PLACES
-from cogrip.protocol.settings import SeatSettings
+from cogrip.protocol.seat_settings import SeatSettings
 from cogrip.server.ports.port import Row
 from cogrip.server.ports.seat_limits import FASTER, SeatLimits
 from cogrip.server.ports.wave_port import WavePort

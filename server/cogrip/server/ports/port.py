@@ -12,7 +12,7 @@ from cogrip.protocol.line.energy_sums import rounding_fraction
 from cogrip.protocol.line.receiver import LineReceiver
 from cogrip.protocol.loop_meter import LoopMeter
 from cogrip.protocol.received_waves import ReceivedWaves
-from cogrip.protocol.settings import SeatSettings
+from cogrip.protocol.seat_settings import SeatSettings
 from cogrip.server.ports.seat_limits import SeatLimits
 
 Row = tuple[float, ...]

@@ -14,7 +14,7 @@ from cogrip.protocol.clock import Clock
 from cogrip.protocol.line.energy_sums import CompensatedSum
 from cogrip.protocol.messages import Power, encode
 from cogrip.protocol.passivity_control import CHARGE_DOWN_J, LENT_J
-from cogrip.protocol.settings import SeatSettings
+from cogrip.protocol.seat_settings import SeatSettings
 from cogrip.server.ports.port import Row
 from cogrip.server.ports.seat_limits import EnergyLimiter, SeatLimits
 from cogrip.server.ports.state_port import LatestStatePort

@@ -19,7 +19,7 @@ import msgspec
 
 from cogrip.machine.addition import add_floats
 from cogrip.protocol.messages import NO_BOUND, SHORT, Hello, Latest
-from cogrip.protocol.settings import REMOTE, Settings
+from cogrip.protocol.settings_sections import REMOTE, Settings
 from cogrip.protocol.tool_frame import ToolFrame
 from cogrip.protocol.waves import wave_of
 

@@ -5,7 +5,7 @@ from typing import Generic, TypeVar
 from cogrip.protocol.clock import Clock
 from cogrip.protocol.latest_state import StateReceiver
 from cogrip.protocol.messages import Latest, State, encode
-from cogrip.protocol.settings import SeatSettings
+from cogrip.protocol.seat_settings import SeatSettings
 from cogrip.server.ports.port import Port, Row
 from cogrip.server.ports.seat_limits import SeatLimits, StateLimiter
 

@@ -3,9 +3,9 @@
 from collections import deque
 from collections.abc import Sequence
 
-from cogrip.protocol.hand_settings import HandChange, of_seat
+from cogrip.protocol.hand_settings import HandChange
 from cogrip.protocol.messages import SetHand
-from cogrip.protocol.settings import SeatSettings
+from cogrip.protocol.seat_settings import SeatSettings
 from cogrip.protocol.tool_frame import ToolFrame
 from cogrip.server.seats.markers import A_SECOND, BURST
 
@@ -24,7 +24,7 @@ class HandChanges:
 
     def __init__(self, seat: SeatSettings, network_hz: int, before: "HandChanges | None" = None) -> None:
         """before: of this client's last seat session, which it resumes with the hand that it had."""
-        self.holds = of_seat(seat)
+        self.holds = seat.hand_change
         self.number = self.taken = 0
         self.wanted: ToolFrame = before.wanted if before is not None else seat.tool or ToolFrame()
         self._told: deque[tuple[int, HandChange]] = deque()

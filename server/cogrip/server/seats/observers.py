@@ -5,10 +5,10 @@ from collections.abc import Sequence
 from msgspec.structs import replace
 
 from cogrip.protocol import messages
+from cogrip.protocol.axes import PLACES
 from cogrip.protocol.channel import Address
 from cogrip.protocol.messages import SHORT, VIEWED_SEATS, Observed, Person, Presence, View
 from cogrip.protocol.session import LOST_NS, QUIET_NS
-from cogrip.protocol.setting_types import PLACES
 from cogrip.server.seats.drawn_bodies import DrawnBodies
 from cogrip.server.seats.participants import Observer, Seat
 from cogrip.server.worlds.world import World

@@ -9,8 +9,8 @@ from cogrip.protocol.clock import Clock
 from cogrip.protocol.line.energy_reserve import EnergyReserve
 from cogrip.protocol.messages import Edges, Frame, Stamp
 from cogrip.protocol.received_waves import ReceivedWaves
+from cogrip.protocol.seat_settings import SeatSettings
 from cogrip.protocol.session import LOST_NS, QUIET_NS, SEAT
-from cogrip.protocol.settings import SeatSettings
 from cogrip.server.checkpoint import SeatCheckpoint
 from cogrip.server.ports.port import Port
 from cogrip.server.ports.seat_limits import Record, SeatLimits

@@ -9,7 +9,7 @@ for 1 %.
 
 from cogrip.protocol.felt_stiffness import enough_impedance, reachable_stiffness
 from cogrip.protocol.loop_meter import LoopMeter
-from cogrip.protocol.settings import SeatSettings
+from cogrip.protocol.seat_settings import SeatSettings
 
 FOLLOW_S = 1.0
 READINGS_HZ = 4

@@ -8,7 +8,7 @@ from collections.abc import Sequence
 from math import hypot, isfinite
 from typing import TYPE_CHECKING, Any, NamedTuple
 
-from cogrip.protocol.setting_types import PLACES
+from cogrip.protocol.axes import PLACES
 from cogrip.server.worlds.world_step import Row
 
 if TYPE_CHECKING:

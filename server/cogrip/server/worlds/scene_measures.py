@@ -5,7 +5,7 @@ from typing import Any
 
 import mujoco  # type: ignore[import-untyped]
 
-from cogrip.protocol.settings import SeatSettings
+from cogrip.protocol.seat_settings import SeatSettings
 from cogrip.protocol.task import Task
 from cogrip.server.worlds.scene_contacts import SceneContacts, Touch
 from cogrip.server.worlds.scene_file import Scene, body_of

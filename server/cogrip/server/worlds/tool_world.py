@@ -13,9 +13,9 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from cogrip.protocol.axes import PLACES
 from cogrip.protocol.rotations import exp, inverse, log, product
-from cogrip.protocol.setting_types import PLACES
-from cogrip.protocol.settings import SeatSettings
+from cogrip.protocol.seat_settings import SeatSettings
 from cogrip.server.worlds.world import Array, World, displacement
 
 

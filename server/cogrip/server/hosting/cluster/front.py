@@ -12,7 +12,7 @@ from cogrip.protocol import messages
 from cogrip.protocol.channel import Address
 from cogrip.protocol.messages import HELLO_BYTES, MOST_FRONTS, PROTOCOL_VERSION, Hello, MalformedError, Redirect
 from cogrip.protocol.session import foreign_version, nonce_of, refusal, version_mismatch
-from cogrip.protocol.settings import Settings
+from cogrip.protocol.settings_sections import Settings
 from cogrip.server.admission import Authenticator, Denied
 from cogrip.server.events import ServerEvent
 from cogrip.server.hosting.cluster.connection import RemoteRooms

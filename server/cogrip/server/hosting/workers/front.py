@@ -21,7 +21,7 @@ from cogrip.protocol import messages
 from cogrip.protocol.channel import Address
 from cogrip.protocol.io.dtls_session import SessionKeys
 from cogrip.protocol.messages import PROTOCOL_VERSION, Hello, MalformedError, Welcome
-from cogrip.protocol.settings import Settings
+from cogrip.protocol.settings_sections import Settings
 from cogrip.protocol.texts import named
 from cogrip.server.admission import Authenticator, Denied, Grant
 from cogrip.server.events import ServerEvent
