@@ -21,9 +21,9 @@ from cogrip.analysis.linear_session import ModelError
 from cogrip.client.hand.velocity import largest_impedance
 from cogrip.client.seat.rendered_damper import rounded_down
 from cogrip.devices.for_user import make_for
-from cogrip.protocol.settings import rates_of, resolve
-from cogrip.protocol.settings_sections import Settings
-from cogrip.protocol.settings_table import SettingsError
+from cogrip.protocol.settings.room import rates_of, resolve
+from cogrip.protocol.settings.sections import Settings
+from cogrip.protocol.settings.table import SettingsError
 from cogrip.results.judgement import Tone
 from cogrip.results.summary import of_laboratory
 from cogrip.results.verdict import passive, stable

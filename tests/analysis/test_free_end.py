@@ -14,7 +14,7 @@ from cogrip.analysis.stability import verdict
 from cogrip.client.hand.velocity import largest_impedance
 from cogrip.devices.device import Capability
 from cogrip.devices.registry import make
-from cogrip.protocol.settings import resolve, seat_settings
+from cogrip.protocol.settings.room import resolve, seat_settings
 
 from tests.sim.session_measures import summary_of
 

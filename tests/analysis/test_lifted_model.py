@@ -23,11 +23,11 @@ from cogrip.client.coupling.wave_coupling import WaveCoupling
 from cogrip.client.hand.velocity import MotionObserver
 from cogrip.devices.simulated.ideal import IdealPlant, IdealSettings
 from cogrip.protocol.axes import POSE_AXES
-from cogrip.protocol.line.delays import OneWayDelay
-from cogrip.protocol.messages import Stamp, State
-from cogrip.protocol.rates import Rates
-from cogrip.protocol.settings import resolve, seat_settings
-from cogrip.protocol.settings_sections import Settings
+from cogrip.protocol.settings.delays import OneWayDelay
+from cogrip.protocol.settings.rates import Rates
+from cogrip.protocol.settings.room import resolve, seat_settings
+from cogrip.protocol.settings.sections import Settings
+from cogrip.protocol.wire.messages import Stamp, State
 from cogrip.server.schemes import make_world
 from cogrip.server.worlds.grip import GripWorld
 from cogrip.server.worlds.lagged import PaperWorld

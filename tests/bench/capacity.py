@@ -14,7 +14,7 @@ import msgspec
 from cogrip.cli.terminal.output import Json, make_console, write_json
 from cogrip.cli.terminal.problem import within
 from cogrip.cli.terminal.tables import plain_table
-from cogrip.protocol.settings import resolve
+from cogrip.protocol.settings.room import resolve
 from cogrip.server.hosting.cluster.directory import LOST_S, Directory, Host, Report
 
 from tests.bench.loads.process_memory import family_of

@@ -17,8 +17,8 @@ from typing import Any
 from cogrip.client.coupling.wave_coupling import WaveCoupling
 from cogrip.client.inputs import CloseLedger
 from cogrip.protocol.line.concealment import CONCEALMENTS
-from cogrip.protocol.line.delays import Frames
-from cogrip.protocol.settings import resolve
+from cogrip.protocol.settings.delays import Frames
+from cogrip.protocol.settings.room import resolve
 from cogrip.server.ports.wave_port import WavePort
 from cogrip.sim.laboratory import Laboratory
 

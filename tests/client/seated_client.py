@@ -14,14 +14,14 @@ from cogrip.client.seat.seated import SeatedClient
 from cogrip.devices.device import Capability, Sample
 from cogrip.devices.plausibility import Plausibility
 from cogrip.machine.tick_count import TickCount
-from cogrip.protocol import messages
-from cogrip.protocol.accounts import ClientAccount
 from cogrip.protocol.line.sender import LineSender
-from cogrip.protocol.messages import PROTOCOL_VERSION, Hello, Stamp, Waves, Welcome
-from cogrip.protocol.rates import due_ns
-from cogrip.protocol.seat_settings import SeatSettings
-from cogrip.protocol.session import make_hello
-from cogrip.protocol.settings import resolve, seat_settings
+from cogrip.protocol.settings.rates import due_ns
+from cogrip.protocol.settings.room import resolve, seat_settings
+from cogrip.protocol.settings.seat import SeatSettings
+from cogrip.protocol.wire import messages
+from cogrip.protocol.wire.accounts import ClientAccount
+from cogrip.protocol.wire.messages import PROTOCOL_VERSION, Hello, Stamp, Waves, Welcome
+from cogrip.protocol.wire.session import make_hello
 
 DEVICE_HZ, M = 1024, 8
 T_C, T_N = 1 / DEVICE_HZ, 1 / 128

@@ -10,7 +10,7 @@ from cogrip.client.coupling.schemes import SCHEMES
 from cogrip.client.seat.seat_hand import SeatHand
 from cogrip.client.seat.seated import SeatedClient
 from cogrip.machine.compiled_files import form
-from cogrip.protocol.decimation import Boxcar, Decimator, LastSample, Lowpass
+from cogrip.protocol.laws.decimation import Boxcar, Decimator, LastSample, Lowpass
 
 from tests.interfaces import only_named
 

@@ -15,9 +15,9 @@ from cogrip.client.hand.pose_axes import in_lengths
 from cogrip.client.safety.device_port import cure
 from cogrip.devices.device import Gripper, Sample
 from cogrip.devices.registry import make
-from cogrip.protocol.settings import resolve, seat_settings
-from cogrip.protocol.tool_frame import ToolFrame, rotation_of
-from cogrip.protocol.waves import device_force, device_gain, device_wave
+from cogrip.protocol.laws.waves import device_force, device_gain, device_wave
+from cogrip.protocol.settings.room import resolve, seat_settings
+from cogrip.protocol.settings.tool_frame import ToolFrame, rotation_of
 
 from tests.client.live_safety import give, live
 

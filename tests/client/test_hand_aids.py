@@ -8,7 +8,7 @@ from hypothesis import strategies as st
 
 from cogrip.client.effects.hand_aids import HandAids
 from cogrip.devices.device import GRAVITY_MPS2
-from cogrip.protocol.hand_settings import NO_LIMIT, HandChange
+from cogrip.protocol.settings.hand import NO_LIMIT, HandChange
 
 from tests.client.seated_client import capability
 

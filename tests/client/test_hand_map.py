@@ -12,11 +12,11 @@ from cogrip.client.hand.hand_map import HandMap
 from cogrip.client.hand.velocity import largest_impedance
 from cogrip.client.seat.rendered_damper import refusal
 from cogrip.devices.for_user import make_for
-from cogrip.protocol.rotations import exp
-from cogrip.protocol.seat_settings import SeatSettings
-from cogrip.protocol.settings import resolve, seat_settings
-from cogrip.protocol.settings_table import SettingsError
-from cogrip.protocol.tool_frame import ToolFrame, rotation_of
+from cogrip.protocol.laws.rotations import exp
+from cogrip.protocol.settings.room import resolve, seat_settings
+from cogrip.protocol.settings.seat import SeatSettings
+from cogrip.protocol.settings.table import SettingsError
+from cogrip.protocol.settings.tool_frame import ToolFrame, rotation_of
 
 scales = st.floats(0.1, 10.0)
 vectors = st.tuples(*[st.floats(-3.0, 3.0)] * 3)

@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 from cogrip.client.coupling.local_contact import LENT_J, MOST_SAVED_J, MOST_STEP_N, LocalFaces, LocalWall
 from cogrip.client.hand.velocity import largest_impedance
 from cogrip.protocol.line.sender import LineSender
-from cogrip.protocol.seat_settings import SeatSettings
+from cogrip.protocol.settings.seat import SeatSettings
 
 from tests.client.seated_client import T_C, capability, next_waves, seat
 

@@ -12,7 +12,7 @@ from cogrip.client.supervised_device import SupervisedDevice
 from cogrip.devices.device import Capability
 from cogrip.devices.registry import make
 from cogrip.devices.simulated.device import SimulatedDevice
-from cogrip.protocol.seat_settings import SeatSettings
+from cogrip.protocol.settings.seat import SeatSettings
 
 from tests.client.seated_client import T_C, hello, seat, welcome
 

@@ -11,7 +11,7 @@ from cogrip.client.safety.force_limits import SOFT_SLOPE_NPS
 from cogrip.client.safety.oscillation import OscillationDetector
 from cogrip.protocol.drawing import MOST_LOCAL, MOST_PAIRS, Shape
 from cogrip.protocol.line.sender import LineSender
-from cogrip.protocol.messages import Geom
+from cogrip.protocol.wire.messages import Geom
 
 from tests.client import test_local_contact as faces
 from tests.client.live_safety import live

@@ -13,7 +13,7 @@ from cogrip.protocol.line.concealment import CONCEALMENTS, ELASTIC_FADE, ELASTIC
 from cogrip.protocol.line.energy_ledger import RESERVED_CREDIT, WaveLedger
 from cogrip.protocol.line.receiver import LineReceiver
 from cogrip.protocol.line.sender import Frame
-from cogrip.protocol.setting_types import Concealed
+from cogrip.protocol.settings.types import Concealed
 
 from tests.protocol.test_line import FRAME_S, CheckedLine
 

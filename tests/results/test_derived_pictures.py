@@ -19,8 +19,8 @@ from cogrip.protocol.recording.records import SeatStep, Step, kind_of
 from cogrip.protocol.recording.recover import recover
 from cogrip.protocol.recording.scene_messages import turned_to
 from cogrip.protocol.session_drawing import FORCE_M_PER_N, LEAST_DRAWN_N, anchors_m
-from cogrip.protocol.settings import resolve
-from cogrip.protocol.settings_sections import Settings
+from cogrip.protocol.settings.room import resolve
+from cogrip.protocol.settings.sections import Settings
 from cogrip.results.export import export
 from cogrip.results.laboratory_run import run_laboratory
 from cogrip.results.records import open_run

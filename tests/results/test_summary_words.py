@@ -10,8 +10,8 @@ import msgspec
 import pytest
 
 from cogrip.machine.tick_count import Percentiles, TickCount
-from cogrip.protocol.accounts import ClientAccount, DeviceAccount, LinkCount, SeatAccount
-from cogrip.protocol.settings import resolve, seat_settings
+from cogrip.protocol.settings.room import resolve, seat_settings
+from cogrip.protocol.wire.accounts import ClientAccount, DeviceAccount, LinkCount, SeatAccount
 from cogrip.results.folder import summary_text
 from cogrip.results.laboratory_run import run_laboratory
 from cogrip.results.listing import list_runs

@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 from cogrip.machine.pacing import Pacer
 from cogrip.machine.stop import Stop
 from cogrip.protocol.recording.records import Input
-from cogrip.protocol.session import LOST_NS
+from cogrip.protocol.wire.session import LOST_NS
 from cogrip.server import inputs
 from cogrip.server.checkpoint import decode
 from cogrip.server.io import checkpoint_file

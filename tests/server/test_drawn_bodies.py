@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from cogrip.client.observed_scene import ObservedScene
 from cogrip.protocol.drawing import Shape
-from cogrip.protocol.messages import MAX_MESSAGE_BYTES, MOST_POSES, Bodies, Geom, decode, encode
+from cogrip.protocol.wire.messages import MAX_MESSAGE_BYTES, MOST_POSES, Bodies, Geom, decode, encode
 from cogrip.server.seats.drawn_bodies import (
     BODIES_AT_REST,
     MOVED_DEG,

@@ -5,8 +5,8 @@ from pathlib import Path
 import pytest
 
 from cogrip.machine.stop import Stop
-from cogrip.protocol.hand_settings import parsed
-from cogrip.protocol.settings import resolve
+from cogrip.protocol.settings.hand import parsed
+from cogrip.protocol.settings.room import resolve
 from cogrip.server.checkpoint import decode
 from cogrip.server.inputs import SetHand as HandSet
 from cogrip.server.io import checkpoint_file

@@ -7,10 +7,10 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from cogrip.protocol.messages import NO_BOUND, Stamp, State
-from cogrip.protocol.settings import for_remote_clients, resolve
-from cogrip.protocol.settings_sections import HUMAN_POWER_W, REMOTE_FORCE_N, REMOTE_SPEED_MPS, Settings
-from cogrip.protocol.waves import wave_of
+from cogrip.protocol.laws.waves import wave_of
+from cogrip.protocol.settings.room import for_remote_clients, resolve
+from cogrip.protocol.settings.sections import HUMAN_POWER_W, REMOTE_FORCE_N, REMOTE_SPEED_MPS, Settings
+from cogrip.protocol.wire.messages import NO_BOUND, Stamp, State
 from cogrip.server.ports.seat_limits import (
     BURST_S,
     MOST_S,

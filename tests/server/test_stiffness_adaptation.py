@@ -5,10 +5,10 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from cogrip.protocol.felt_stiffness import MOST_GAIN
-from cogrip.protocol.loop_meter import LoopMeter
-from cogrip.protocol.seat_settings import SeatSettings
-from cogrip.protocol.settings import resolve, seat_settings
+from cogrip.protocol.laws.felt_stiffness import MOST_GAIN
+from cogrip.protocol.line.loop_meter import LoopMeter
+from cogrip.protocol.settings.room import resolve, seat_settings
+from cogrip.protocol.settings.seat import SeatSettings
 from cogrip.server.admission import AdmissionServices
 from cogrip.server.core import ServerCore
 from cogrip.server.schemes import make_world

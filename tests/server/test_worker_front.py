@@ -14,11 +14,11 @@ import pytest
 
 from cogrip.machine.server_platform import message_pair
 from cogrip.machine.stop import Stop
-from cogrip.protocol import messages
-from cogrip.protocol.channel import Address, UnencryptedChannel
-from cogrip.protocol.messages import PROTOCOL_VERSION, Hello, Welcome, padded
-from cogrip.protocol.session import refusal
-from cogrip.protocol.settings import seat_settings
+from cogrip.protocol.secure.channel import Address, UnencryptedChannel
+from cogrip.protocol.settings.room import seat_settings
+from cogrip.protocol.wire import messages
+from cogrip.protocol.wire.messages import PROTOCOL_VERSION, Hello, Welcome, padded
+from cogrip.protocol.wire.session import refusal
 from cogrip.server.admission import Grant
 from cogrip.server.events import ServerEvent
 from cogrip.server.hosting import public_port

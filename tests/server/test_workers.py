@@ -14,7 +14,7 @@ import pytest
 
 from cogrip.machine.server_platform import message_pair
 from cogrip.machine.stop import Stop
-from cogrip.protocol.messages import padded
+from cogrip.protocol.wire.messages import padded
 from cogrip.server.admission import AdmissionServices, Grant
 from cogrip.server.core import ServerCore
 from cogrip.server.hosting.link import (

@@ -11,10 +11,10 @@ from msgspec.structs import replace
 
 from cogrip.devices.device import Device, Sample
 from cogrip.devices.for_user import make_for
-from cogrip.protocol.handle import MOST_AT_ONCE, Handle
-from cogrip.protocol.messages import Edges, Stamp, encode
-from cogrip.protocol.settings import resolve
-from cogrip.protocol.settings_sections import Settings
+from cogrip.protocol.settings.room import resolve
+from cogrip.protocol.settings.sections import Settings
+from cogrip.protocol.wire.handle import MOST_AT_ONCE, Handle
+from cogrip.protocol.wire.messages import Edges, Stamp, encode
 from cogrip.results.laboratory_run import run_laboratory
 from cogrip.results.records import open_run
 from cogrip.server.rate_limit import limits_for

@@ -17,8 +17,8 @@ from cogrip.client.hand.velocity import largest_impedance
 from cogrip.devices.device import Device, DeviceError, Sample
 from cogrip.devices.for_user import make_for
 from cogrip.devices.registry import is_input_only, make, stand_ins
-from cogrip.protocol.settings import resolve
-from cogrip.protocol.settings_sections import Settings
+from cogrip.protocol.settings.room import resolve
+from cogrip.protocol.settings.sections import Settings
 from cogrip.sim import laboratory
 from cogrip.sim.laboratory import Laboratory
 

@@ -24,7 +24,7 @@ from cogrip.client.hand.velocity import MotionObserver, largest_impedance, memor
 from cogrip.client.inputs import DeviceOpened
 from cogrip.devices.device import Capability
 from cogrip.devices.registry import make
-from cogrip.protocol.settings import resolve, seat_settings
+from cogrip.protocol.settings.room import resolve, seat_settings
 from cogrip.results.summary import of_laboratory
 from cogrip.sim.laboratory import Laboratory
 

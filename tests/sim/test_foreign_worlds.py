@@ -7,10 +7,11 @@ import pytest
 
 from cogrip.cli.settings.settings_file import load
 from cogrip.machine.stop import Stop
-from cogrip.protocol import felt_stiffness, messages
-from cogrip.protocol.messages import Farewell, Heartbeat
-from cogrip.protocol.settings_digest import digest
-from cogrip.protocol.settings_sections import Settings
+from cogrip.protocol.laws import felt_stiffness
+from cogrip.protocol.settings.digest import digest
+from cogrip.protocol.settings.sections import Settings
+from cogrip.protocol.wire import messages
+from cogrip.protocol.wire.messages import Farewell, Heartbeat
 from cogrip.results.laboratory_run import run_laboratory
 from cogrip.results.summary import of_laboratory
 from cogrip.results.verdict import stable, succeeded

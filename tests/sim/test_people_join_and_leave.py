@@ -14,9 +14,9 @@ import pytest
 from cogrip.client.inputs import CloseLedger
 from cogrip.client.safety.force_limits import SOFT_SLOPE_NPS
 from cogrip.devices.device import MOST_SLOPE_NPS
-from cogrip.protocol.session import QUIET_NS
-from cogrip.protocol.settings import resolve
-from cogrip.protocol.settings_sections import Settings
+from cogrip.protocol.settings.room import resolve
+from cogrip.protocol.settings.sections import Settings
+from cogrip.protocol.wire.session import QUIET_NS
 from cogrip.sim.laboratory import Laboratory
 
 from tests.extent import every, long

@@ -15,7 +15,7 @@ UNROLLED = (
     "cogrip.client.safety.force_limits", "cogrip.client.seat.hand_motion", "cogrip.client.safety.limiter",
     "cogrip.client.hand.velocity",
     "cogrip.client.coupling.wave_coupling", "cogrip.devices.plausibility", "cogrip.devices.simulated.ideal",
-    "cogrip.devices.simulated.waypoints", "cogrip.protocol.decimation", "cogrip.protocol.line.energy_sums",
+    "cogrip.devices.simulated.waypoints", "cogrip.protocol.laws.decimation", "cogrip.protocol.line.energy_sums",
 )  # fmt: skip
 """Modules that take PLACES axes without a loop."""
 

@@ -30,11 +30,11 @@ from cogrip.client.seat.rendered_damper import ROUNDING, bound_words, damper_key
 from cogrip.devices.device import MOST_SLOPE_NPS, Capability
 from cogrip.devices.for_user import make_for
 from cogrip.devices.registry import is_input_only
-from cogrip.protocol.felt_stiffness import OutOfReachError, compensated_stiffness
+from cogrip.protocol.laws.felt_stiffness import OutOfReachError, compensated_stiffness
 from cogrip.protocol.line.concealment import held_force
-from cogrip.protocol.seat_settings import SeatSettings
-from cogrip.protocol.settings import seat_axes, seat_settings
-from cogrip.protocol.settings_sections import Settings
+from cogrip.protocol.settings.room import seat_axes, seat_settings
+from cogrip.protocol.settings.seat import SeatSettings
+from cogrip.protocol.settings.sections import Settings
 from cogrip.results.felt_as_intended import STIFFNESS_JND
 
 AMPLE = 1.5  # factor on a session's stiffness up to which it should stay stable

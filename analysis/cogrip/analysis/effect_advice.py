@@ -5,9 +5,9 @@ from math import inf, pi
 from cogrip.client.hand.velocity import lag_ticks, largest_impedance
 from cogrip.client.seat.rendered_damper import damper_on
 from cogrip.devices.device import MOST_SLOPE_NPS, Capability
-from cogrip.protocol.effects import Effect
-from cogrip.protocol.seat_settings import SeatSettings
-from cogrip.protocol.settings_sections import Settings
+from cogrip.protocol.settings.effects import Effect
+from cogrip.protocol.settings.seat import SeatSettings
+from cogrip.protocol.settings.sections import Settings
 
 
 def effect_advice(settings: Settings, seat: SeatSettings, record: Capability) -> tuple[str, bool]:

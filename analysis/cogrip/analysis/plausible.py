@@ -21,8 +21,8 @@ from cogrip.devices.replayed.device import ReplayedDevice
 from cogrip.devices.simulated.device import SimulatedDevice
 from cogrip.devices.simulated.hands import DirectedHand, Hand, PushHand
 from cogrip.protocol.axes import PLACES
-from cogrip.protocol.settings import rates_of, seat_axes
-from cogrip.protocol.settings_sections import Settings
+from cogrip.protocol.settings.room import rates_of, seat_axes
+from cogrip.protocol.settings.sections import Settings
 
 FAR_OUTSIDE = 2.0
 """Distance from a workspace's middle, in half widths, above which a motion is refused: a hand may mean to press a little

@@ -22,8 +22,8 @@ from cogrip.analysis.stability import Limit, largest_stable
 from cogrip.client.hand.velocity import largest_impedance
 from cogrip.client.seat.rendered_damper import damper_key, rounded_down
 from cogrip.devices.for_user import make_for
-from cogrip.protocol.settings import rates_of, resolve
-from cogrip.protocol.settings_sections import Settings
+from cogrip.protocol.settings.room import rates_of, resolve
+from cogrip.protocol.settings.sections import Settings
 
 SHARES = tuple(step / 20.0 for step in range(2, 21))
 """Shares of the damper that everybody's device carries, which are tried."""

@@ -22,10 +22,10 @@ from cogrip.devices.device import Capability
 from cogrip.devices.sample import Sample
 from cogrip.machine.histogram import DurationHistogram
 from cogrip.machine.tick_count import Percentiles, TickCount
-from cogrip.protocol.accounts import ClientAccount, DelayAccount
-from cogrip.protocol.messages import Bodies, Effects, Geom, Hello, Mark, Person, SetHand, Stamp, Waves, encode
-from cogrip.protocol.seat_settings import SeatSettings
-from cogrip.protocol.session import ClientSession
+from cogrip.protocol.settings.seat import SeatSettings
+from cogrip.protocol.wire.accounts import ClientAccount, DelayAccount
+from cogrip.protocol.wire.messages import Bodies, Effects, Geom, Hello, Mark, Person, SetHand, Stamp, Waves, encode
+from cogrip.protocol.wire.session import ClientSession
 
 TOLD = Person, Bodies, Geom, Mark, SetHand, Effects
 

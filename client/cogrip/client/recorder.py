@@ -17,11 +17,11 @@ from cogrip.client.seat.seated import MakePort
 from cogrip.client.tick_record import TickRecord
 from cogrip.devices.device import Capability
 from cogrip.devices.sample import Sample
-from cogrip.protocol.accounts import ClientAccount
-from cogrip.protocol.messages import Hello, with_short_device, with_whole_device
 from cogrip.protocol.recording.records import Datagram, Event, Ledger
 from cogrip.protocol.recording.secrets import without_secrets
 from cogrip.protocol.recording.sink import CoreRecorder, ObservedQueue, Sink, encode, topics
+from cogrip.protocol.wire.accounts import ClientAccount
+from cogrip.protocol.wire.messages import Hello, with_short_device, with_whole_device
 
 KINDS = ("tick", "datagram_in", "datagram_out", "input", "event", "account", "gap", "clock")
 TICK, DATAGRAM_IN, DATAGRAM_OUT, INPUT, EVENT, ACCOUNT = range(6)

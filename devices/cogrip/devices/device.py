@@ -21,8 +21,8 @@ import msgspec
 
 from cogrip.devices.sample import Sample as Sample  # for drivers: part of the interface
 from cogrip.protocol.axes import GRIP_AXES, POSE_AXES
-from cogrip.protocol.handle import MOST_BUTTONS
-from cogrip.protocol.rates import LEAST_DEVICE_HZ
+from cogrip.protocol.settings.rates import LEAST_DEVICE_HZ
+from cogrip.protocol.wire.handle import MOST_BUTTONS
 
 MOST_SLOPE_NPS = 1000.0
 """Largest slope of any force, whatever the record says: 2000 N/m met at 0.5 m/s (docs/security.md)."""

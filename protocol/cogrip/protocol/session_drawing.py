@@ -4,7 +4,7 @@ from collections.abc import Sequence
 from functools import lru_cache
 
 from cogrip.protocol.drawing import Vector
-from cogrip.protocol.object_kinds import kind_of
+from cogrip.protocol.settings.object_kinds import kind_of
 
 FORCE_M_PER_N = 0.01  # length of a force's arrow
 LEAST_DRAWN_N = 0.02  # a smaller force is neither an arrow nor a contact

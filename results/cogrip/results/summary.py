@@ -11,15 +11,22 @@ from msgspec.structs import replace
 from cogrip.client.inputs import CloseLedger
 from cogrip.machine.addition import add_integers
 from cogrip.machine.tick_count import Percentiles, TickCount
-from cogrip.protocol.accounts import ClientAccount, DelayAccount, DeviceAccount, LinkCount, RoomAccount, SeatAccount
 from cogrip.protocol.axes import GRIP_AXES
-from cogrip.protocol.coupling_kinds import lent_mj
-from cogrip.protocol.hand_settings import HandChange
-from cogrip.protocol.messages import Farewell
-from cogrip.protocol.seat_settings import SeatSettings
-from cogrip.protocol.settings import seat_settings
-from cogrip.protocol.settings_sections import Settings
+from cogrip.protocol.settings.coupling_kinds import lent_mj
+from cogrip.protocol.settings.hand import HandChange
+from cogrip.protocol.settings.room import seat_settings
+from cogrip.protocol.settings.seat import SeatSettings
+from cogrip.protocol.settings.sections import Settings
 from cogrip.protocol.texts import shown
+from cogrip.protocol.wire.accounts import (
+    ClientAccount,
+    DelayAccount,
+    DeviceAccount,
+    LinkCount,
+    RoomAccount,
+    SeatAccount,
+)
+from cogrip.protocol.wire.messages import Farewell
 from cogrip.results.felt_as_intended import not_predicted
 from cogrip.results.incidents import INCIDENTS
 from cogrip.results.verdict import passive_of

@@ -1,6 +1,6 @@
 cimport cython
 
-from cogrip.protocol.received_waves cimport ReceivedWaves
+from cogrip.protocol.line.received_waves cimport ReceivedWaves
 from cogrip.server.seats.participants cimport Seat
 from cogrip.server.room cimport Room
 

@@ -10,10 +10,10 @@ from typing import NamedTuple
 
 from cogrip.protocol.axes import PLACES, POSE_AXES
 from cogrip.protocol.line.sender import LineSender
-from cogrip.protocol.messages import Frame, Power, Stamp, State, Waves, decode, encode
-from cogrip.protocol.rates import NS_PER_S
-from cogrip.protocol.seat_settings import SeatSettings
-from cogrip.protocol.settings_sections import Settings
+from cogrip.protocol.settings.rates import NS_PER_S
+from cogrip.protocol.settings.seat import SeatSettings
+from cogrip.protocol.settings.sections import Settings
+from cogrip.protocol.wire.messages import Frame, Power, Stamp, State, Waves, decode, encode
 from cogrip.server.ports.seat_limits import Record
 from cogrip.server.room import Room
 

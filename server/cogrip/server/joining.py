@@ -2,12 +2,12 @@
 
 from msgspec.structs import replace
 
-from cogrip.protocol import messages
-from cogrip.protocol.channel import Address, place_text
-from cogrip.protocol.clock import Clock
-from cogrip.protocol.messages import PROTOCOL_VERSION, Hello, Role, Welcome
-from cogrip.protocol.session import refusal, version_mismatch
+from cogrip.protocol.secure.channel import Address, place_text
 from cogrip.protocol.texts import shown
+from cogrip.protocol.wire import messages
+from cogrip.protocol.wire.clock import Clock
+from cogrip.protocol.wire.messages import PROTOCOL_VERSION, Hello, Role, Welcome
+from cogrip.protocol.wire.session import refusal, version_mismatch
 from cogrip.server.admission import AdmissionServices, Denied, Grant
 from cogrip.server.events import ServerEvent
 from cogrip.server.outputs import Outputs

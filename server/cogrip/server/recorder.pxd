@@ -1,6 +1,6 @@
 cimport cython
 
-from cogrip.protocol.button_edges cimport EdgeReceiver
+from cogrip.protocol.wire.button_edges cimport EdgeReceiver
 from cogrip.protocol.recording.sink cimport CoreRecorder
 from cogrip.server.core cimport ServerCore
 from cogrip.server.seats.participants cimport Seat

@@ -12,9 +12,6 @@ import numpy as np
 
 from cogrip.machine.tick_count import TickCount
 from cogrip.protocol.axes import PLACES
-from cogrip.protocol.button_edges import edge_words
-from cogrip.protocol.channel import Address
-from cogrip.protocol.messages import Hello
 from cogrip.protocol.recording.derived import derived_topics
 from cogrip.protocol.recording.records import (
     Answer,
@@ -30,7 +27,10 @@ from cogrip.protocol.recording.records import (
 )
 from cogrip.protocol.recording.secrets import without_secrets
 from cogrip.protocol.recording.sink import CoreRecorder, ObservedQueue, Sink, encode, topics
-from cogrip.protocol.settings_sections import Settings
+from cogrip.protocol.secure.channel import Address
+from cogrip.protocol.settings.sections import Settings
+from cogrip.protocol.wire.button_edges import edge_words
+from cogrip.protocol.wire.messages import Hello
 from cogrip.server.admission import AdmissionServices, Authenticator, Denied, Grant
 from cogrip.server.core import ServerCore
 from cogrip.server.events import ServerEvent

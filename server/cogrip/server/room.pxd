@@ -1,6 +1,6 @@
 cimport cython
 
-from cogrip.protocol.button_edges cimport EdgeReceiver
+from cogrip.protocol.wire.button_edges cimport EdgeReceiver
 from cogrip.server.seats.effects cimport RoomEffects
 from cogrip.server.seats.markers cimport Markers
 from cogrip.server.seats.observers cimport ObserverSlots

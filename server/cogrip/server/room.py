@@ -8,20 +8,20 @@ import numpy as np
 from msgspec.structs import replace
 
 from cogrip.machine.tick_count import TickCount
-from cogrip.protocol import messages
-from cogrip.protocol.accounts import RoomAccount, SeatAccount
-from cogrip.protocol.button_edges import EdgeReceiver, bits_of
-from cogrip.protocol.channel import Address
-from cogrip.protocol.clock import Clock
-from cogrip.protocol.effects import Effect
-from cogrip.protocol.hand_settings import HandChange
 from cogrip.protocol.line.energy_reserve import EnergyReserve
-from cogrip.protocol.messages import Heartbeat, Mark, Waves
-from cogrip.protocol.rates import NS_PER_S
-from cogrip.protocol.session import LOST_NS
-from cogrip.protocol.settings import seat_settings
-from cogrip.protocol.settings_digest import digest
-from cogrip.protocol.settings_sections import Settings
+from cogrip.protocol.secure.channel import Address
+from cogrip.protocol.settings.digest import digest
+from cogrip.protocol.settings.effects import Effect
+from cogrip.protocol.settings.hand import HandChange
+from cogrip.protocol.settings.rates import NS_PER_S
+from cogrip.protocol.settings.room import seat_settings
+from cogrip.protocol.settings.sections import Settings
+from cogrip.protocol.wire import messages
+from cogrip.protocol.wire.accounts import RoomAccount, SeatAccount
+from cogrip.protocol.wire.button_edges import EdgeReceiver, bits_of
+from cogrip.protocol.wire.clock import Clock
+from cogrip.protocol.wire.messages import Heartbeat, Mark, Waves
+from cogrip.protocol.wire.session import LOST_NS
 from cogrip.server.checkpoint import VERSION, CheckpointError, RoomCheckpoint
 from cogrip.server.ports.port import Row
 from cogrip.server.ports.seat_limits import BURST_S, Record, SeatLimits, limits_of

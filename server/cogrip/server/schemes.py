@@ -7,11 +7,11 @@ are in `cogrip.server.worlds.registry`.
 from collections.abc import Callable, Sequence
 from typing import NamedTuple
 
-from cogrip.protocol.messages import Frame, Power, State, Waves
-from cogrip.protocol.object_kinds import KINDS
-from cogrip.protocol.seat_settings import SeatSettings
-from cogrip.protocol.setting_types import Kind
-from cogrip.protocol.settings_sections import Settings
+from cogrip.protocol.settings.object_kinds import KINDS
+from cogrip.protocol.settings.seat import SeatSettings
+from cogrip.protocol.settings.sections import Settings
+from cogrip.protocol.settings.types import Kind
+from cogrip.protocol.wire.messages import Frame, Power, State, Waves
 from cogrip.server.ports.local_port import LocalPort
 from cogrip.server.ports.port import Port
 from cogrip.server.ports.power_port import PowerPort

@@ -4,9 +4,9 @@ from collections.abc import Iterator, Sequence
 from itertools import chain
 
 from cogrip.machine.addition import add_integers
-from cogrip.protocol.channel import Address
-from cogrip.protocol.messages import Hello
-from cogrip.protocol.session import unfit
+from cogrip.protocol.secure.channel import Address
+from cogrip.protocol.wire.messages import Hello
+from cogrip.protocol.wire.session import unfit
 from cogrip.server.admission import Denied, Grant
 from cogrip.server.ports.seat_limits import misclaimed, record_of
 from cogrip.server.room import Room

@@ -24,10 +24,10 @@ from cogrip.machine.pacing import Pacer
 from cogrip.machine.realtime import engage, release
 from cogrip.machine.receive_buffer import enlarge
 from cogrip.machine.stop import Stop
-from cogrip.protocol.channel import UnencryptedChannel
 from cogrip.protocol.io.dtls_client import DtlsClient
-from cogrip.protocol.settings import resolve, seat_settings
-from cogrip.protocol.settings_sections import Settings
+from cogrip.protocol.secure.channel import UnencryptedChannel
+from cogrip.protocol.settings.room import resolve, seat_settings
+from cogrip.protocol.settings.sections import Settings
 from cogrip.server.core import ServerCore
 from cogrip.server.io.authenticator import TokenAuthenticator
 from cogrip.server.io.dtls_channel import DtlsListener

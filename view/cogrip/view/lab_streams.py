@@ -11,7 +11,7 @@ from math import nan
 
 from cogrip.client.observer import ObserverCore
 from cogrip.protocol.axes import PLACES
-from cogrip.protocol.seat_settings import SeatSettings
+from cogrip.protocol.settings.seat import SeatSettings
 from cogrip.server.seats.observers import VIEWS_HZ
 
 AXES = "xyz"

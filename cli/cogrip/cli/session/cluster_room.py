@@ -21,7 +21,7 @@ from cogrip.cli.session.server_state import channel_of
 from cogrip.cli.session.worker import Job, conclude
 from cogrip.machine.platform import system
 from cogrip.machine.stop import Stop
-from cogrip.protocol.channel import place_text
+from cogrip.protocol.secure.channel import place_text
 from cogrip.protocol.version import VERSION
 from cogrip.results.folder import SERVER_RECORDING
 from cogrip.server.events import ServerEvent

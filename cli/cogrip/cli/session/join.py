@@ -42,10 +42,10 @@ from cogrip.devices.device import DeviceError
 from cogrip.devices.simulated.device import SimulatedDevice
 from cogrip.devices.web.family import public
 from cogrip.machine.stop import Stop, on_signals
-from cogrip.protocol.seat_settings import SeatSettings
-from cogrip.protocol.session import IN_ORDER, SECONDS_OVER, ClientSession
-from cogrip.protocol.settings_digest import digest
-from cogrip.protocol.settings_sections import Settings
+from cogrip.protocol.settings.digest import digest
+from cogrip.protocol.settings.seat import SeatSettings
+from cogrip.protocol.settings.sections import Settings
+from cogrip.protocol.wire.session import IN_ORDER, SECONDS_OVER, ClientSession
 from cogrip.results.folder import client_recording, write_account, write_warnings
 from cogrip.results.summary import of_client
 from cogrip.results.verdict import succeeded, why_not

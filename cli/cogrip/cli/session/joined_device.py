@@ -13,11 +13,11 @@ from cogrip.devices.for_user import HANDLESS, address_of, make_for
 from cogrip.devices.registry import axes_of, make, record_of
 from cogrip.devices.replayed.device import ReplayedDevice
 from cogrip.machine.addition import add_floats
-from cogrip.protocol.line.delays import line_delay
-from cogrip.protocol.object_kinds import kind_of
-from cogrip.protocol.seat_settings import SeatSettings
-from cogrip.protocol.settings import seat_axes
-from cogrip.protocol.settings_sections import Settings
+from cogrip.protocol.settings.delays import line_delay
+from cogrip.protocol.settings.object_kinds import kind_of
+from cogrip.protocol.settings.room import seat_axes
+from cogrip.protocol.settings.seat import SeatSettings
+from cogrip.protocol.settings.sections import Settings
 
 DEFAULT_DEVICE = "sim:phantom?hand=reach"
 # The server chooses the settings, and the model's work grows with the cube of the frames in flight: a join must not hang.

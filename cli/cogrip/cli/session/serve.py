@@ -23,13 +23,13 @@ from cogrip.cli.terminal.problem import BadInput, Problem, some_time, within
 from cogrip.cli.terminal.screen import LiveScreen, may_draw
 from cogrip.machine.platform import system
 from cogrip.machine.stop import Stop, on_signals
-from cogrip.protocol.channel import place_text
-from cogrip.protocol.join_link import DEFAULT_PORT
-from cogrip.protocol.messages import MOST_WAIT_MS
-from cogrip.protocol.settings import for_remote_clients
-from cogrip.protocol.settings_sections import Settings
+from cogrip.protocol.secure.channel import place_text
+from cogrip.protocol.settings.room import for_remote_clients
+from cogrip.protocol.settings.sections import Settings
 from cogrip.protocol.texts import named
 from cogrip.protocol.version import VERSION
+from cogrip.protocol.wire.join_link import DEFAULT_PORT
+from cogrip.protocol.wire.messages import MOST_WAIT_MS
 from cogrip.results.folder import SERVER_RECORDING, write_settings, write_warnings
 from cogrip.results.summary import of_room
 from cogrip.results.verdict import came, succeeded

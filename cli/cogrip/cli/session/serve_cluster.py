@@ -16,9 +16,9 @@ from cogrip.cli.session.served_rooms import is_loopback
 from cogrip.cli.session.server_state import front_channel_of, public_place
 from cogrip.cli.terminal.problem import BadInput, Problem
 from cogrip.machine.stop import Stop
-from cogrip.protocol.channel import place_text
-from cogrip.protocol.network_rate import RateChoice
-from cogrip.protocol.settings_sections import Settings
+from cogrip.protocol.secure.channel import place_text
+from cogrip.protocol.settings.network_rate import RateChoice
+from cogrip.protocol.settings.sections import Settings
 from cogrip.protocol.version import VERSION
 from cogrip.server.hosting.cluster.connection import ClusterError, RemoteRooms
 from cogrip.server.hosting.cluster.front import ClusterFront

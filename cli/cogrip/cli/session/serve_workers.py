@@ -18,9 +18,9 @@ from cogrip.cli.terminal.problem import BadInput, Problem
 from cogrip.machine.platform import system
 from cogrip.machine.server_platform import memory_file
 from cogrip.machine.stop import Stop
-from cogrip.protocol.channel import Address
-from cogrip.protocol.network_rate import RateChoice
-from cogrip.protocol.settings_sections import Settings
+from cogrip.protocol.secure.channel import Address
+from cogrip.protocol.settings.network_rate import RateChoice
+from cogrip.protocol.settings.sections import Settings
 from cogrip.protocol.version import VERSION
 from cogrip.server.hosting.workers.administration import Administration
 from cogrip.server.hosting.workers.front import DYING, Front, FrontChannel, shares

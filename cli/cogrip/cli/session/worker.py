@@ -15,8 +15,8 @@ import msgspec
 from cogrip.cli.session.log_lines import LogLines
 from cogrip.machine.server_platform import content_of
 from cogrip.machine.stop import Stop
-from cogrip.protocol.network_rate import RateChoice
-from cogrip.protocol.settings_sections import Settings
+from cogrip.protocol.settings.network_rate import RateChoice
+from cogrip.protocol.settings.sections import Settings
 from cogrip.protocol.version import VERSION
 from cogrip.results.folder import SERVER_RECORDING, write_settings
 from cogrip.server.hosting.link import Assign, Link, LinkEndedError, Ready

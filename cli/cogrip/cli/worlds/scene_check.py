@@ -13,9 +13,9 @@ from rich.text import Text
 from cogrip.cli.settings.settings_file import override
 from cogrip.cli.terminal.problem import BadInput
 from cogrip.cli.terminal.tables import wrapped
-from cogrip.protocol.settings import resolve, seat_settings
-from cogrip.protocol.settings_sections import Settings
-from cogrip.protocol.settings_table import SettingsError
+from cogrip.protocol.settings.room import resolve, seat_settings
+from cogrip.protocol.settings.sections import Settings
+from cogrip.protocol.settings.table import SettingsError
 
 SUFFIXES = (".xml", ".mjcf", ".urdf")
 FRAMES = 256  # number of frames that are stepped to see what a frame costs

@@ -8,7 +8,7 @@ from collections.abc import Callable, Sequence
 from math import copysign, hypot, sqrt
 
 from cogrip.protocol.drawing import Shape, ShapeKind
-from cogrip.protocol.rotations import turned
+from cogrip.protocol.laws.rotations import turned
 
 Vector = tuple[float, float, float]
 Nearest = tuple[float, Vector]

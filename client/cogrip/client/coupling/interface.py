@@ -12,14 +12,14 @@ from typing import Any, Generic, TypeVar
 
 from cogrip.devices.device import Capability
 from cogrip.machine.addition import add_floats
-from cogrip.protocol.accounts import LineAccount, LinkCount, PlayoutAccount
-from cogrip.protocol.clock import Clock
-from cogrip.protocol.handle import Handle
-from cogrip.protocol.latest_state import StateReceiver
 from cogrip.protocol.line.energy_reserve import EnergyReserve
 from cogrip.protocol.line.energy_sums import CompensatedSum
-from cogrip.protocol.messages import Geom, Latest
-from cogrip.protocol.seat_settings import SeatSettings
+from cogrip.protocol.line.latest_state import StateReceiver
+from cogrip.protocol.settings.seat import SeatSettings
+from cogrip.protocol.wire.accounts import LineAccount, LinkCount, PlayoutAccount
+from cogrip.protocol.wire.clock import Clock
+from cogrip.protocol.wire.handle import Handle
+from cogrip.protocol.wire.messages import Geom, Latest
 
 L = TypeVar("L", bound=Latest)
 T = TypeVar("T")

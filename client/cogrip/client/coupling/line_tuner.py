@@ -7,9 +7,9 @@ most.
 """
 
 from cogrip.protocol.line.line_in_use import LoopFollower
-from cogrip.protocol.line_tuning import Tuning, bounded, filter_lag_s
-from cogrip.protocol.loop_meter import LoopMeter
-from cogrip.protocol.seat_settings import SeatSettings
+from cogrip.protocol.line.loop_meter import LoopMeter
+from cogrip.protocol.settings.line_tuning import Tuning, bounded, filter_lag_s
+from cogrip.protocol.settings.seat import SeatSettings
 
 LEAST_FRAMES = 8
 GENTLE, RATE = 0.02, 0.08

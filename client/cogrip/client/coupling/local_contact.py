@@ -30,10 +30,10 @@ from cogrip.client.hand.velocity import largest_impedance
 from cogrip.devices.device import MOST_SLOPE_NPS, Capability
 from cogrip.machine.addition import add_floats
 from cogrip.protocol.axes import PLACES
-from cogrip.protocol.clock import Clock
-from cogrip.protocol.handle import Handle
 from cogrip.protocol.line.energy_sums import CompensatedSum
-from cogrip.protocol.seat_settings import SeatSettings
+from cogrip.protocol.settings.seat import SeatSettings
+from cogrip.protocol.wire.clock import Clock
+from cogrip.protocol.wire.handle import Handle
 
 MOST_SAVED_J = 1e-3  # largest E
 LENT_J = 1e-4

@@ -15,7 +15,7 @@ from cogrip.client.coupling.interface import Row
 from cogrip.client.coupling.local_scene import LocalScene
 from cogrip.client.coupling.wave_coupling import WaveCoupling
 from cogrip.protocol.axes import PLACES
-from cogrip.protocol.seat_settings import SeatSettings
+from cogrip.protocol.settings.seat import SeatSettings
 
 _NONE = (0.0,) * PLACES
 

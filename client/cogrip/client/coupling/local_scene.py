@@ -22,8 +22,8 @@ from cogrip.client.coupling.local_contact import LocalCoupling
 from cogrip.client.coupling.proxy import Ball, Proxy, without
 from cogrip.protocol.axes import PLACES
 from cogrip.protocol.drawing import MOST_LOCAL, MOST_PAIRS, Shape
-from cogrip.protocol.messages import Geom, Waves
-from cogrip.protocol.seat_settings import SeatSettings
+from cogrip.protocol.settings.seat import SeatSettings
+from cogrip.protocol.wire.messages import Geom, Waves
 
 GROW_S = 0.1
 

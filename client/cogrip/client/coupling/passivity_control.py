@@ -22,13 +22,13 @@ from math import inf
 
 from cogrip.client.coupling.interface import LatestStateCoupling, PortEnergy, Row
 from cogrip.machine.addition import add_floats
-from cogrip.protocol.clock import Clock
-from cogrip.protocol.handle import Handle
+from cogrip.protocol.laws.passivity_control import CHARGE_UP_J, LENT_J
 from cogrip.protocol.line.energy_reserve import EnergyReserve
 from cogrip.protocol.line.energy_sums import CompensatedSum, rounding_fraction
-from cogrip.protocol.messages import Power, encode
-from cogrip.protocol.passivity_control import CHARGE_UP_J, LENT_J
-from cogrip.protocol.seat_settings import SeatSettings
+from cogrip.protocol.settings.seat import SeatSettings
+from cogrip.protocol.wire.clock import Clock
+from cogrip.protocol.wire.handle import Handle
+from cogrip.protocol.wire.messages import Power, encode
 
 CHARGE_SHARE = 0.5  # damper by which a hand puts in energy that the server lacks, as a fraction of b
 RESERVE_J = 4e-3  # least reserve kept of the hand's energy; more where a larger force may go astray by more

@@ -14,9 +14,9 @@ from cogrip.client.coupling.passivity_control import PassivityControl
 from cogrip.client.coupling.virtual_coupling import VirtualCoupling
 from cogrip.client.coupling.wave_coupling import WaveCoupling
 from cogrip.protocol.axes import POSE_AXES
-from cogrip.protocol.messages import Frame, Power, State, Waves
-from cogrip.protocol.seat_settings import SeatSettings
-from cogrip.protocol.setting_types import Kind
+from cogrip.protocol.settings.seat import SeatSettings
+from cogrip.protocol.settings.types import Kind
+from cogrip.protocol.wire.messages import Frame, Power, State, Waves
 
 
 @dataclass(frozen=True, slots=True)

@@ -9,12 +9,12 @@ from math import inf
 
 from cogrip.client.coupling.interface import DelayLine, LatestStateCoupling, Row, spring_j
 from cogrip.machine.addition import add_floats
-from cogrip.protocol.clock import Clock
-from cogrip.protocol.handle import Handle
 from cogrip.protocol.line.energy_reserve import EnergyReserve
 from cogrip.protocol.line.energy_sums import CompensatedSum
-from cogrip.protocol.messages import State, encode
-from cogrip.protocol.seat_settings import SeatSettings
+from cogrip.protocol.settings.seat import SeatSettings
+from cogrip.protocol.wire.clock import Clock
+from cogrip.protocol.wire.handle import Handle
+from cogrip.protocol.wire.messages import State, encode
 
 
 class VirtualCoupling(LatestStateCoupling[State]):

@@ -5,7 +5,7 @@ from cogrip.client.coupling.series_impedance cimport SeriesImpedance
 from cogrip.client.coupling.wave_lines cimport ForwardLine, ReturningLine
 from cogrip.machine.addition cimport add_floats
 from cogrip.protocol.line.receiver cimport LineReceiver
-from cogrip.protocol.waves_encoding cimport encode_waves
+from cogrip.protocol.line.waves_encoding cimport encode_waves
 
 
 cdef class WaveCoupling(Coupling):

@@ -28,17 +28,17 @@ from cogrip.client.hand.felt_stiffness import REST_S
 from cogrip.client.hand.velocity import largest_impedance
 from cogrip.devices.device import Capability
 from cogrip.machine.addition import add_floats
-from cogrip.protocol.accounts import LineAccount, LinkCount, PlayoutAccount
 from cogrip.protocol.axes import PLACES
-from cogrip.protocol.clock import Clock
-from cogrip.protocol.handle import Handle
+from cogrip.protocol.laws.waves import device_gain, wave_of
 from cogrip.protocol.line.line_in_use import ImpedanceChanges
-from cogrip.protocol.line_tuning import Tuning, bounded, corner_hz
-from cogrip.protocol.loop_meter import LoopMeter
-from cogrip.protocol.messages import Waves
-from cogrip.protocol.seat_settings import SeatSettings
-from cogrip.protocol.waves import device_gain, wave_of
-from cogrip.protocol.waves_encoding import encode_waves
+from cogrip.protocol.line.loop_meter import LoopMeter
+from cogrip.protocol.line.waves_encoding import encode_waves
+from cogrip.protocol.settings.line_tuning import Tuning, bounded, corner_hz
+from cogrip.protocol.settings.seat import SeatSettings
+from cogrip.protocol.wire.accounts import LineAccount, LinkCount, PlayoutAccount
+from cogrip.protocol.wire.clock import Clock
+from cogrip.protocol.wire.handle import Handle
+from cogrip.protocol.wire.messages import Waves
 
 Held = tuple[Row, float, float, Sequence[float] | None, float]
 """Returning wave of a tick, its gain s, the ratio r of impedances, what limits took from the force, and b."""

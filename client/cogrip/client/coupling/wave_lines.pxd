@@ -2,7 +2,7 @@ cimport cython
 
 from cogrip.client.coupling.interface cimport PortEnergy
 from cogrip.machine.addition cimport add_floats
-from cogrip.protocol.decimation cimport Decimator
+from cogrip.protocol.laws.decimation cimport Decimator
 from cogrip.protocol.line.energy_reserve cimport EnergyReserve
 from cogrip.protocol.line.energy_sums cimport CompensatedSum
 from cogrip.protocol.line.receiver cimport LineReceiver

@@ -6,15 +6,15 @@ from math import sqrt
 
 from cogrip.client.coupling.interface import PortEnergy, Row
 from cogrip.machine.addition import add_floats
-from cogrip.protocol.decimation import make_decimator
+from cogrip.protocol.laws.decimation import make_decimator
 from cogrip.protocol.line.energy_ledger import HISTORY
 from cogrip.protocol.line.energy_reserve import EnergyReserve
 from cogrip.protocol.line.energy_sums import CompensatedSum, rounding_fraction
 from cogrip.protocol.line.receiver import LineReceiver
 from cogrip.protocol.line.sender import LineSender
 from cogrip.protocol.line.wave_filter import WaveFilter
-from cogrip.protocol.line_tuning import filter_lag_s
-from cogrip.protocol.seat_settings import SeatSettings
+from cogrip.protocol.settings.line_tuning import filter_lag_s
+from cogrip.protocol.settings.seat import SeatSettings
 
 COMPENSATED_FRACTION = 1.0 / 16.0  # fraction of what was withheld that a frame compensates
 QUIET = 256  # frames for which two ticks must be spare before frames are sent later by one; fewer where more is spare

@@ -26,10 +26,10 @@ from cogrip.client.safety.device_port import DevicePort
 from cogrip.client.safety.limiter import Safety
 from cogrip.devices.device import MOST_SLOPE_NPS, Capability
 from cogrip.machine.addition import add_floats
-from cogrip.protocol.accounts import EffectAccount
 from cogrip.protocol.axes import PLACES
-from cogrip.protocol.effects import MOST_EFFECTS, Effect, EffectKind, unfit_effect
-from cogrip.protocol.messages import Effects
+from cogrip.protocol.settings.effects import MOST_EFFECTS, Effect, EffectKind, unfit_effect
+from cogrip.protocol.wire.accounts import EffectAccount
+from cogrip.protocol.wire.messages import Effects
 
 RAMP_S = 0.02  # time in which an effect fades in or out where it is not at rest
 MOST_STEP_N = 0.5  # largest change of the force in a tick by a spring that fades in or out

@@ -17,7 +17,7 @@ from cogrip.client.hand.velocity import largest_impedance
 from cogrip.devices.device import GRAVITY_MPS2, Capability
 from cogrip.machine.addition import add_floats
 from cogrip.protocol.axes import PLACES
-from cogrip.protocol.hand_settings import HandChange, WorkspaceLimit
+from cogrip.protocol.settings.hand import HandChange, WorkspaceLimit
 
 SOFT_M = 0.01
 """Depth at which the spring reaches the continuous force; at most SOFT_PART of the shortest side of the workspace."""

@@ -17,8 +17,8 @@ from cogrip.client.hand.velocity import largest_impedance
 from cogrip.devices.device import Capability
 from cogrip.machine.addition import add_floats
 from cogrip.protocol.axes import PLACES, POSE_AXES
-from cogrip.protocol.rotations import UNTURNED, Quaternion, exp, inverse, log, product, turned
-from cogrip.protocol.tool_frame import ToolFrame
+from cogrip.protocol.laws.rotations import UNTURNED, Quaternion, exp, inverse, log, product, turned
+from cogrip.protocol.settings.tool_frame import ToolFrame
 
 Row = tuple[float, ...]
 

@@ -4,8 +4,8 @@ from collections import Counter
 from math import inf
 
 from cogrip.devices.device import Capability, Sample
-from cogrip.protocol.button_edges import EdgeSender
-from cogrip.protocol.handle import MOST_AT_ONCE, Handle, is_unit
+from cogrip.protocol.wire.button_edges import EdgeSender
+from cogrip.protocol.wire.handle import MOST_AT_ONCE, Handle, is_unit
 
 BEYOND = 0.1  # distance by which a reading may lie outside a gripper's range, as a fraction of the range
 MOST_M = 1.0  # largest opening that a message can say (SPEC 3.6)

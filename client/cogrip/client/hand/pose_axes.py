@@ -17,7 +17,7 @@ from typing import NamedTuple
 from cogrip.devices.device import Capability, Sample
 from cogrip.machine.addition import add_floats
 from cogrip.protocol.axes import PLACES
-from cogrip.protocol.rotations import UNTURNED, between, exp, log, product
+from cogrip.protocol.laws.rotations import UNTURNED, between, exp, log, product
 
 Row = tuple[float, ...]
 

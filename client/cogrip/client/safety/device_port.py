@@ -31,9 +31,9 @@ from cogrip.client.hand.velocity import lag_ticks, largest_impedance
 from cogrip.client.safety.force_limits import SOFT_SLOPE_NPS
 from cogrip.client.safety.oscillation import OscillationDetector
 from cogrip.devices.device import Capability
-from cogrip.protocol.accounts import DeviceAccount
 from cogrip.protocol.line.energy_reserve import FIRST_S, known
-from cogrip.protocol.seat_settings import SeatSettings
+from cogrip.protocol.settings.seat import SeatSettings
+from cogrip.protocol.wire.accounts import DeviceAccount
 
 FREE_RESERVE_MPS = 1.0  # speed whose kinetic energy is E_free: a late damper takes that and gives it back
 TOLERATED_FRACTION = 0.25  # deficit -E that is tolerated, as a fraction of E_free: the motion gives it back

@@ -16,8 +16,8 @@ import msgspec
 
 from cogrip.client.coupling.interface import Coupling, DelayLine, mean_row
 from cogrip.machine.addition import add_floats
-from cogrip.protocol.accounts import LinkCount, PlayoutAccount
 from cogrip.protocol.line.energy_sums import CompensatedSum
+from cogrip.protocol.wire.accounts import LinkCount, PlayoutAccount
 
 
 class EnergyLedger:

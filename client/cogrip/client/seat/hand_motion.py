@@ -13,7 +13,7 @@ from cogrip.devices.device import Capability
 from cogrip.devices.plausibility import JUMP, Plausibility
 from cogrip.devices.sample import Sample
 from cogrip.protocol.axes import PLACES
-from cogrip.protocol.rates import Rates
+from cogrip.protocol.settings.rates import Rates
 
 Position = tuple[float, ...] | None
 RECKON_S = 12.0 / 1024.0  # time without a sample for which dead reckoning goes on

@@ -9,9 +9,9 @@ from typing import NamedTuple
 from cogrip.client.coupling.schemes import SCHEMES
 from cogrip.client.hand.velocity import NOISE_N, Carried, largest_impedance
 from cogrip.devices.device import Capability, DeviceError
-from cogrip.protocol.coupling_settings import Coupling
-from cogrip.protocol.seat_settings import SeatSettings
-from cogrip.protocol.setting_types import Kind
+from cogrip.protocol.settings.coupling import Coupling
+from cogrip.protocol.settings.seat import SeatSettings
+from cogrip.protocol.settings.types import Kind
 
 ROUNDING = 1e-9  # relative excess over a bound that is rounding: settings are decimal
 

@@ -6,8 +6,8 @@ from cogrip.client.safety.limiter import Safety
 from cogrip.client.seat.seated import SeatedClient
 from cogrip.machine.addition import add_floats
 from cogrip.machine.tick_count import Percentiles, TickCount
-from cogrip.protocol.accounts import LEFT, REASON_BYTES, SATURATED, ClientAccount, DelayAccount
 from cogrip.protocol.texts import clipped
+from cogrip.protocol.wire.accounts import LEFT, REASON_BYTES, SATURATED, ClientAccount, DelayAccount
 
 
 def account_of(seat: SeatedClient, ticks: TickCount, rtt_ms: Percentiles, delay: DelayAccount) -> ClientAccount:

@@ -7,7 +7,7 @@ from cogrip.client.hand_changes cimport HandChanges
 from cogrip.client.seat.hand_motion cimport HandMotion
 from cogrip.client.safety.limiter cimport Safety
 from cogrip.devices.sample cimport Sample
-from cogrip.protocol.session cimport ClientSession
+from cogrip.protocol.wire.session cimport ClientSession
 
 
 cdef class SeatHand:

@@ -22,11 +22,11 @@ from cogrip.client.seat.hand_motion import HandMotion
 from cogrip.devices.device import Capability
 from cogrip.devices.sample import Sample
 from cogrip.protocol.axes import GRIP_AXES, PLACES, POSE_AXES
-from cogrip.protocol.hand_settings import HandChange, unfit
-from cogrip.protocol.messages import SetHand
-from cogrip.protocol.seat_settings import SeatSettings
-from cogrip.protocol.session import ClientSession
-from cogrip.protocol.tool_frame import ToolFrame
+from cogrip.protocol.settings.hand import HandChange, unfit
+from cogrip.protocol.settings.seat import SeatSettings
+from cogrip.protocol.settings.tool_frame import ToolFrame
+from cogrip.protocol.wire.messages import SetHand
+from cogrip.protocol.wire.session import ClientSession
 
 
 def axis_units_of(seat: SeatSettings) -> PoseAxes | GripAxes | None:

@@ -29,9 +29,9 @@ from cogrip.devices.device import Capability
 from cogrip.devices.sample import Sample
 from cogrip.machine.addition import add_floats
 from cogrip.protocol.axes import PLACES
-from cogrip.protocol.messages import Edges, Effects, Frame, View, encode
-from cogrip.protocol.seat_settings import SeatSettings
-from cogrip.protocol.session import ClientSession
+from cogrip.protocol.settings.seat import SeatSettings
+from cogrip.protocol.wire.messages import Edges, Effects, Frame, View, encode
+from cogrip.protocol.wire.session import ClientSession
 
 LEAVE_FADE_S = 0.5  # time from `stop` in which what the line still holds the object by fades
 MOST_LOOP_S = 0.5

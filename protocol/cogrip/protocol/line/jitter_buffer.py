@@ -13,7 +13,7 @@ rounding o to a server's whole frames costs no delay. Sources and choices: docs/
 from bisect import bisect_left, bisect_right, insort
 from collections import deque
 
-from cogrip.protocol.line.delays import DEEPEST, Frames
+from cogrip.protocol.settings.delays import DEEPEST, Frames
 
 LATE_RUN = 16  # most borders in a row with only late frames before a fixed jitter buffer waits
 REALIGN_WINDOW = 128  # fresh datagrams that must agree before a fixed jitter buffer moves by one frame

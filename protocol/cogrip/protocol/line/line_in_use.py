@@ -3,9 +3,9 @@
 from collections import deque
 from math import exp
 
-from cogrip.protocol.line_tuning import flat_s
-from cogrip.protocol.loop_meter import LoopMeter
-from cogrip.protocol.setting_types import Prefer
+from cogrip.protocol.line.loop_meter import LoopMeter
+from cogrip.protocol.settings.line_tuning import flat_s
+from cogrip.protocol.settings.types import Prefer
 
 FOLLOW_S = 5.0  # time in which the followed loop time changes by a factor of e at most
 READINGS_HZ = 4

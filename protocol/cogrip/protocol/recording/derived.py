@@ -31,7 +31,7 @@ from cogrip.protocol.recording.scene_messages import (
     soft_update,
 )
 from cogrip.protocol.session_drawing import HAND_SIZE_M, OBJECT_COLOUR, anchors_m, colour, object_size_m
-from cogrip.protocol.settings_sections import Settings
+from cogrip.protocol.settings.sections import Settings
 
 DERIVED = {"scene": SCENE_UPDATE, "tf": FRAME_TRANSFORMS, "forces": SCENE_UPDATE}
 """Name of the schema, by the last part of the topic."""

@@ -6,7 +6,7 @@ from typing import Any, NamedTuple
 import msgspec
 
 from cogrip.protocol.axes import PLACES
-from cogrip.protocol.settings_sections import Settings, User
+from cogrip.protocol.settings.sections import Settings, User
 from cogrip.results.summary_values import (
     UNKNOWN,
     Summary,

@@ -9,10 +9,10 @@ from typing import Protocol
 
 from cogrip.machine.arrivals import Arrivals
 from cogrip.machine.stop import Stop
-from cogrip.protocol.channel import Address, Channel, place_text
-from cogrip.protocol.messages import MAX_DATAGRAM_BYTES, Hello
-from cogrip.protocol.session import SECONDS_OVER, refusal
-from cogrip.protocol.settings_sections import Settings
+from cogrip.protocol.secure.channel import Address, Channel, place_text
+from cogrip.protocol.settings.sections import Settings
+from cogrip.protocol.wire.messages import MAX_DATAGRAM_BYTES, Hello
+from cogrip.protocol.wire.session import SECONDS_OVER, refusal
 from cogrip.server.admission import AdmitAll, Authenticator, Denied, Grant
 from cogrip.server.events import UNAUTHENTICATED_EVENTS, ServerEvent
 from cogrip.server.hosting.link import PeerAddress

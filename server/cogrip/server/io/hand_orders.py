@@ -3,7 +3,7 @@
 from collections.abc import Callable
 from typing import NamedTuple
 
-from cogrip.protocol.hand_settings import unfit
+from cogrip.protocol.settings.hand import unfit
 from cogrip.server import inputs
 from cogrip.server.core import ServerCore
 from cogrip.server.io.control import Request, SetHand

@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import Protocol
 
 from cogrip.machine.addition import add_integers
-from cogrip.protocol.tool_frame import ToolFrame
+from cogrip.protocol.settings.tool_frame import ToolFrame
 from cogrip.server import inputs
 from cogrip.server.checkpoint import CheckpointError, decode, encode
 from cogrip.server.events import ServerEvent

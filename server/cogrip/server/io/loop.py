@@ -18,12 +18,12 @@ from cogrip.machine.realtime import SERVER_PRIORITY, engage, release
 from cogrip.machine.receive_buffer import OVERRUN
 from cogrip.machine.stop import Stop
 from cogrip.protocol.io.recorder import Recorder, open_recorder
-from cogrip.protocol.rates import NS_PER_S
 from cogrip.protocol.recording.header import Header, versions_here
 from cogrip.protocol.recording.sink import Nowhere, pack
-from cogrip.protocol.session import SECONDS_OVER
-from cogrip.protocol.settings_sections import Settings
+from cogrip.protocol.settings.rates import NS_PER_S
+from cogrip.protocol.settings.sections import Settings
 from cogrip.protocol.version import VERSION
+from cogrip.protocol.wire.session import SECONDS_OVER
 from cogrip.server import inputs
 from cogrip.server.admission import AdmissionServices, AdmitAll, Authenticator
 from cogrip.server.events import UNAUTHENTICATED_EVENTS, ServerEvent

@@ -10,10 +10,10 @@ from math import dist
 
 from cogrip.machine.addition import add_floats
 from cogrip.protocol.axes import PLACES
-from cogrip.protocol.clock import Clock
 from cogrip.protocol.line.energy_sums import CompensatedSum
-from cogrip.protocol.received_waves import ReceivedWaves
-from cogrip.protocol.seat_settings import SeatSettings
+from cogrip.protocol.line.received_waves import ReceivedWaves
+from cogrip.protocol.settings.seat import SeatSettings
+from cogrip.protocol.wire.clock import Clock
 from cogrip.server.ports.port import Row
 from cogrip.server.ports.seat_limits import FASTER, SeatLimits
 from cogrip.server.ports.wave_port import WavePort

@@ -1,7 +1,7 @@
-from cogrip.protocol.button_edges cimport EdgeReceiver
-from cogrip.protocol.clock cimport Clock
+from cogrip.protocol.wire.button_edges cimport EdgeReceiver
+from cogrip.protocol.wire.clock cimport Clock
 from cogrip.protocol.line.energy_reserve cimport EnergyReserve
-from cogrip.protocol.received_waves cimport ReceivedWaves
+from cogrip.protocol.line.received_waves cimport ReceivedWaves
 
 
 cdef class Port:

@@ -3,16 +3,16 @@
 from math import inf
 from typing import Any
 
-from cogrip.protocol.accounts import LinkCount, PlayoutAccount
-from cogrip.protocol.button_edges import EdgeReceiver
-from cogrip.protocol.clock import Clock
-from cogrip.protocol.latest_state import StateReceiver
 from cogrip.protocol.line.energy_reserve import EnergyReserve
 from cogrip.protocol.line.energy_sums import rounding_fraction
+from cogrip.protocol.line.latest_state import StateReceiver
+from cogrip.protocol.line.loop_meter import LoopMeter
+from cogrip.protocol.line.received_waves import ReceivedWaves
 from cogrip.protocol.line.receiver import LineReceiver
-from cogrip.protocol.loop_meter import LoopMeter
-from cogrip.protocol.received_waves import ReceivedWaves
-from cogrip.protocol.seat_settings import SeatSettings
+from cogrip.protocol.settings.seat import SeatSettings
+from cogrip.protocol.wire.accounts import LinkCount, PlayoutAccount
+from cogrip.protocol.wire.button_edges import EdgeReceiver
+from cogrip.protocol.wire.clock import Clock
 from cogrip.server.ports.seat_limits import SeatLimits
 
 Row = tuple[float, ...]

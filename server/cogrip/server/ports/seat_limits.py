@@ -18,10 +18,10 @@ from sys import float_info
 import msgspec
 
 from cogrip.machine.addition import add_floats
-from cogrip.protocol.messages import NO_BOUND, SHORT, Hello, Latest
-from cogrip.protocol.settings_sections import REMOTE, Settings
-from cogrip.protocol.tool_frame import ToolFrame
-from cogrip.protocol.waves import wave_of
+from cogrip.protocol.laws.waves import wave_of
+from cogrip.protocol.settings.sections import REMOTE, Settings
+from cogrip.protocol.settings.tool_frame import ToolFrame
+from cogrip.protocol.wire.messages import NO_BOUND, SHORT, Hello, Latest
 
 BURST_S = 0.25  # time whose power a seat may bring in at once
 

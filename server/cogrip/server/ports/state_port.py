@@ -2,10 +2,10 @@
 
 from typing import Generic, TypeVar
 
-from cogrip.protocol.clock import Clock
-from cogrip.protocol.latest_state import StateReceiver
-from cogrip.protocol.messages import Latest, State, encode
-from cogrip.protocol.seat_settings import SeatSettings
+from cogrip.protocol.line.latest_state import StateReceiver
+from cogrip.protocol.settings.seat import SeatSettings
+from cogrip.protocol.wire.clock import Clock
+from cogrip.protocol.wire.messages import Latest, State, encode
 from cogrip.server.ports.port import Port, Row
 from cogrip.server.ports.seat_limits import SeatLimits, StateLimiter
 

@@ -1,12 +1,12 @@
 cimport cython
 
-from cogrip.protocol.clock cimport Clock
+from cogrip.protocol.wire.clock cimport Clock
 from cogrip.protocol.line.arrived_frame cimport ArrivedFrame
 from cogrip.protocol.line.energy_sums cimport CompensatedSum
 from cogrip.protocol.line.receiver cimport LineReceiver
 from cogrip.protocol.line.sender cimport LineSender
-from cogrip.protocol.received_waves cimport ReceivedWaves
-from cogrip.protocol.waves_encoding cimport encode_waves
+from cogrip.protocol.line.received_waves cimport ReceivedWaves
+from cogrip.protocol.line.waves_encoding cimport encode_waves
 from cogrip.server.ports.port cimport Port
 from cogrip.server.ports.seat_limits cimport WaveLimiter
 

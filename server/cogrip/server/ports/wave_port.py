@@ -2,20 +2,20 @@
 
 from typing import TypeVar
 
-from cogrip.protocol.accounts import PlayoutAccount
 from cogrip.protocol.axes import PLACES, POSE_AXES
-from cogrip.protocol.clock import Clock
 from cogrip.protocol.line.energy_sums import CompensatedSum
 from cogrip.protocol.line.line_in_use import ImpedanceChanges
+from cogrip.protocol.line.loop_meter import LoopMeter
+from cogrip.protocol.line.received_waves import ReceivedWaves
 from cogrip.protocol.line.receiver import LineReceiver
 from cogrip.protocol.line.sender import LineSender
-from cogrip.protocol.line_tuning import bounded
-from cogrip.protocol.loop_meter import LoopMeter
-from cogrip.protocol.messages import Waves
-from cogrip.protocol.rates import NS_PER_S
-from cogrip.protocol.received_waves import ReceivedWaves
-from cogrip.protocol.seat_settings import SeatSettings
-from cogrip.protocol.waves_encoding import encode_waves
+from cogrip.protocol.line.waves_encoding import encode_waves
+from cogrip.protocol.settings.line_tuning import bounded
+from cogrip.protocol.settings.rates import NS_PER_S
+from cogrip.protocol.settings.seat import SeatSettings
+from cogrip.protocol.wire.accounts import PlayoutAccount
+from cogrip.protocol.wire.clock import Clock
+from cogrip.protocol.wire.messages import Waves
 from cogrip.server.ports.port import Port, Row, Turned
 from cogrip.server.ports.seat_limits import SeatLimits, WaveLimiter
 

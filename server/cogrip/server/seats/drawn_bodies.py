@@ -5,7 +5,7 @@ import math
 import numpy as np
 
 from cogrip.protocol.drawing import MOST_SHAPES, UNTURNED
-from cogrip.protocol.messages import MOST_POSES, Bodies, Geom, pack_poses
+from cogrip.protocol.wire.messages import MOST_POSES, Bodies, Geom, pack_poses
 from cogrip.server.worlds.world import Array, World
 
 MOVED_M = 1e-4

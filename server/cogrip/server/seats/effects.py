@@ -2,9 +2,9 @@
 
 from collections.abc import Sequence
 
-from cogrip.protocol.effects import MOST_EFFECTS, Effect, EffectSection, checked_effect, moved, unfit_effect
-from cogrip.protocol.messages import Effects
-from cogrip.protocol.settings_sections import Settings
+from cogrip.protocol.settings.effects import MOST_EFFECTS, Effect, EffectSection, checked_effect, moved, unfit_effect
+from cogrip.protocol.settings.sections import Settings
+from cogrip.protocol.wire.messages import Effects
 
 TOLD_HZ = 64  # messages a second while the client has not answered
 SLOW_AFTER_S = 2.0  # time without an answer after which messages come at `SLOW_HZ`: the client may not know effects

@@ -3,7 +3,7 @@
 from collections.abc import Sequence
 
 from cogrip.protocol.drawing import Shape
-from cogrip.protocol.messages import Geom
+from cogrip.protocol.wire.messages import Geom
 
 TOLD_S = 0.5  # time in which all shapes have been told once
 MOST_A_FRAME = 2

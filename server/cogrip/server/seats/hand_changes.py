@@ -3,10 +3,10 @@
 from collections import deque
 from collections.abc import Sequence
 
-from cogrip.protocol.hand_settings import HandChange
-from cogrip.protocol.messages import SetHand
-from cogrip.protocol.seat_settings import SeatSettings
-from cogrip.protocol.tool_frame import ToolFrame
+from cogrip.protocol.settings.hand import HandChange
+from cogrip.protocol.settings.seat import SeatSettings
+from cogrip.protocol.settings.tool_frame import ToolFrame
+from cogrip.protocol.wire.messages import SetHand
 from cogrip.server.seats.markers import A_SECOND, BURST
 
 TOLD_HZ = 16

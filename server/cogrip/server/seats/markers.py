@@ -5,10 +5,10 @@ from collections.abc import Sequence
 
 from msgspec.structs import replace
 
-from cogrip.protocol.messages import Mark
-from cogrip.protocol.setting_types import SeatNumber
-from cogrip.protocol.task import EVERYBODY
+from cogrip.protocol.settings.task import EVERYBODY
+from cogrip.protocol.settings.types import SeatNumber
 from cogrip.protocol.texts import clipped_mark
+from cogrip.protocol.wire.messages import Mark
 
 TOLD_S = 2.0  # time for which each marker is repeated: of datagrams lost in bursts one comes through
 TOLD_HZ = 16

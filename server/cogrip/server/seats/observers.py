@@ -4,11 +4,11 @@ from collections.abc import Sequence
 
 from msgspec.structs import replace
 
-from cogrip.protocol import messages
 from cogrip.protocol.axes import PLACES
-from cogrip.protocol.channel import Address
-from cogrip.protocol.messages import SHORT, VIEWED_SEATS, Observed, Person, Presence, View
-from cogrip.protocol.session import LOST_NS, QUIET_NS
+from cogrip.protocol.secure.channel import Address
+from cogrip.protocol.wire import messages
+from cogrip.protocol.wire.messages import SHORT, VIEWED_SEATS, Observed, Person, Presence, View
+from cogrip.protocol.wire.session import LOST_NS, QUIET_NS
 from cogrip.server.seats.drawn_bodies import DrawnBodies
 from cogrip.server.seats.participants import Observer, Seat
 from cogrip.server.worlds.world import World

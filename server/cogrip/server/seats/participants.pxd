@@ -1,8 +1,8 @@
 cimport cython
 
-from cogrip.protocol.clock cimport Clock
+from cogrip.protocol.wire.clock cimport Clock
 from cogrip.protocol.line.energy_reserve cimport EnergyReserve
-from cogrip.protocol.received_waves cimport ReceivedWaves
+from cogrip.protocol.line.received_waves cimport ReceivedWaves
 from cogrip.server.seats.hand_changes cimport HandChanges
 from cogrip.server.ports.port cimport Port
 

@@ -3,14 +3,14 @@
 from math import inf, isnan
 from typing import Literal, NamedTuple
 
-from cogrip.protocol.accounts import ClientAccount, SeatAccount
-from cogrip.protocol.channel import Address
-from cogrip.protocol.clock import Clock
 from cogrip.protocol.line.energy_reserve import EnergyReserve
-from cogrip.protocol.messages import Edges, Frame, Stamp
-from cogrip.protocol.received_waves import ReceivedWaves
-from cogrip.protocol.seat_settings import SeatSettings
-from cogrip.protocol.session import LOST_NS, QUIET_NS, SEAT
+from cogrip.protocol.line.received_waves import ReceivedWaves
+from cogrip.protocol.secure.channel import Address
+from cogrip.protocol.settings.seat import SeatSettings
+from cogrip.protocol.wire.accounts import ClientAccount, SeatAccount
+from cogrip.protocol.wire.clock import Clock
+from cogrip.protocol.wire.messages import Edges, Frame, Stamp
+from cogrip.protocol.wire.session import LOST_NS, QUIET_NS, SEAT
 from cogrip.server.checkpoint import SeatCheckpoint
 from cogrip.server.ports.port import Port
 from cogrip.server.ports.seat_limits import Record, SeatLimits

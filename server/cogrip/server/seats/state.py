@@ -4,7 +4,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from cogrip.protocol.accounts import LinkCount, SeatAccount
+from cogrip.protocol.wire.accounts import LinkCount, SeatAccount
 from cogrip.server.checkpoint import CheckpointError, RoomCheckpoint
 from cogrip.server.ports.port import Row
 from cogrip.server.seats.participants import Seat

@@ -7,9 +7,9 @@ growing stiffness. Where K is out of reach, K C_line >= 1, the goal is MOST_GAIN
 for 1 %.
 """
 
-from cogrip.protocol.felt_stiffness import enough_impedance, reachable_stiffness
-from cogrip.protocol.loop_meter import LoopMeter
-from cogrip.protocol.seat_settings import SeatSettings
+from cogrip.protocol.laws.felt_stiffness import enough_impedance, reachable_stiffness
+from cogrip.protocol.line.loop_meter import LoopMeter
+from cogrip.protocol.settings.seat import SeatSettings
 
 FOLLOW_S = 1.0
 READINGS_HZ = 4

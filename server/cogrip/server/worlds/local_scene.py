@@ -16,8 +16,8 @@ import numpy as np
 
 from cogrip.protocol.axes import PLACES
 from cogrip.protocol.drawing import Shape
-from cogrip.protocol.seat_settings import SeatSettings
-from cogrip.protocol.settings_sections import REMOTE_SPEED_MPS
+from cogrip.protocol.settings.seat import SeatSettings
+from cogrip.protocol.settings.sections import REMOTE_SPEED_MPS
 from cogrip.server.worlds.clearance import Clearance
 from cogrip.server.worlds.local_faces import pressed_n
 from cogrip.server.worlds.local_geometry import local_geometry, tree_of, unfit_tool

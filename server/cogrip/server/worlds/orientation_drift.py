@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cogrip.protocol.axes import PLACES
-from cogrip.protocol.rotations import Quaternion, Vector, between, exp, product
+from cogrip.protocol.laws.rotations import Quaternion, Vector, between, exp, product
 
 Array = NDArray[np.float64]
 

@@ -8,11 +8,11 @@ from typing import NamedTuple
 
 from cogrip.machine.receive_buffer import OVERRUN, overrun
 from cogrip.machine.stop import Stop
-from cogrip.protocol import messages
-from cogrip.protocol.channel import Address
-from cogrip.protocol.messages import HELLO_BYTES, MOST_FRONTS, PROTOCOL_VERSION, Hello, MalformedError, Redirect
-from cogrip.protocol.session import foreign_version, nonce_of, refusal, version_mismatch
-from cogrip.protocol.settings_sections import Settings
+from cogrip.protocol.secure.channel import Address
+from cogrip.protocol.settings.sections import Settings
+from cogrip.protocol.wire import messages
+from cogrip.protocol.wire.messages import HELLO_BYTES, MOST_FRONTS, PROTOCOL_VERSION, Hello, MalformedError, Redirect
+from cogrip.protocol.wire.session import foreign_version, nonce_of, refusal, version_mismatch
 from cogrip.server.admission import Authenticator, Denied
 from cogrip.server.events import ServerEvent
 from cogrip.server.hosting.cluster.connection import RemoteRooms

@@ -4,9 +4,9 @@ from collections import Counter, deque
 from collections.abc import Callable, Sequence
 from contextlib import suppress
 
-from cogrip.protocol.channel import Address
-from cogrip.protocol.dtls_records import CHANGE_CIPHER_SPEC, HANDSHAKE
-from cogrip.protocol.messages import MAX_DATAGRAM_BYTES
+from cogrip.protocol.secure.channel import Address
+from cogrip.protocol.secure.dtls_records import CHANGE_CIPHER_SPEC, HANDSHAKE
+from cogrip.protocol.wire.messages import MAX_DATAGRAM_BYTES
 from cogrip.server.events import ServerEvent
 from cogrip.server.hosting.link import Asked, Astray, Link, Released, Say
 from cogrip.server.hosting.workers.paths import OpenPath, WorkerPort

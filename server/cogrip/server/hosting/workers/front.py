@@ -17,12 +17,12 @@ from typing import NamedTuple
 
 from cogrip.machine.receive_buffer import OVERRUN, overrun
 from cogrip.machine.stop import Stop
-from cogrip.protocol import messages
-from cogrip.protocol.channel import Address
 from cogrip.protocol.io.dtls_session import SessionKeys
-from cogrip.protocol.messages import PROTOCOL_VERSION, Hello, MalformedError, Welcome
-from cogrip.protocol.settings_sections import Settings
+from cogrip.protocol.secure.channel import Address
+from cogrip.protocol.settings.sections import Settings
 from cogrip.protocol.texts import named
+from cogrip.protocol.wire import messages
+from cogrip.protocol.wire.messages import PROTOCOL_VERSION, Hello, MalformedError, Welcome
 from cogrip.server.admission import Authenticator, Denied, Grant
 from cogrip.server.events import ServerEvent
 from cogrip.server.hosting.link import (

@@ -14,8 +14,8 @@ from cogrip.machine.datagrams import open_arrivals, open_batched, open_datagrams
 from cogrip.machine.platform import system
 from cogrip.machine.receive_buffer import overrun
 from cogrip.machine.stop import Stop
-from cogrip.protocol.channel import Address
 from cogrip.protocol.io.dtls_session import DtlsSession, SessionKeys
+from cogrip.protocol.secure.channel import Address
 from cogrip.server.hosting.link import (
     AnyToWorker,
     Ask,

@@ -1,6 +1,6 @@
 """Tokens as a worker knows them: the front, which has the file, sends its verdict with each hello, and what became void."""
 
-from cogrip.protocol.messages import Hello
+from cogrip.protocol.wire.messages import Hello
 from cogrip.server.admission import Denied, Grant
 from cogrip.server.hosting.link import Admitted, Link, Revoke
 

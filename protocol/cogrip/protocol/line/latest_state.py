@@ -2,8 +2,8 @@
 
 from typing import Generic, Protocol, TypeVar
 
-from cogrip.protocol.accounts import LinkCount
 from cogrip.protocol.line.receiver import FURTHEST_JUMP
+from cogrip.protocol.wire.accounts import LinkCount
 
 HISTORY = 256  # states for which the receiver still knows whether they have arrived
 

@@ -2,7 +2,7 @@
 
 from collections.abc import Sequence
 
-from cogrip.protocol.messages import Waves
+from cogrip.protocol.wire.messages import Waves
 
 Row = Sequence[float]
 

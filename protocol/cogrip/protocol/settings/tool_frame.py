@@ -12,7 +12,7 @@ from typing import Annotated
 import msgspec
 
 from cogrip.protocol.axes import PLACES
-from cogrip.protocol.rotations import UNTURNED, Quaternion, exp, of_matrix, turned
+from cogrip.protocol.laws.rotations import UNTURNED, Quaternion, exp, of_matrix, turned
 
 LEAST_SCALE, MOST_SCALE = 0.1, 10.0
 AXES = "xyz"

@@ -5,18 +5,18 @@ from typing import Annotated, Literal
 
 import msgspec
 
-from cogrip.protocol import setting_types as types
 from cogrip.protocol.axes import POSE_AXES
-from cogrip.protocol.coupling_settings import (
+from cogrip.protocol.settings import types
+from cogrip.protocol.settings.coupling import (
     CouplingSection,
 )
-from cogrip.protocol.effects import MOST_EFFECTS, TANK_MJ, EffectSection, EffectTank
-from cogrip.protocol.hand_settings import HandSection
-from cogrip.protocol.link_profile import Link
-from cogrip.protocol.object_kinds import KindText, LocalKindText, shared_kind
-from cogrip.protocol.rates import DeviceHz, Hz
-from cogrip.protocol.setting_types import Name, Seconds, Seed, Side
-from cogrip.protocol.task import Task
+from cogrip.protocol.settings.effects import MOST_EFFECTS, TANK_MJ, EffectSection, EffectTank
+from cogrip.protocol.settings.hand import HandSection
+from cogrip.protocol.settings.link_profile import Link
+from cogrip.protocol.settings.object_kinds import KindText, LocalKindText, shared_kind
+from cogrip.protocol.settings.rates import DeviceHz, Hz
+from cogrip.protocol.settings.task import Task
+from cogrip.protocol.settings.types import Name, Seconds, Seed, Side
 
 HUMAN_POWER_W = 10.0  # mean power of a hand on a hand-sized device (docs/security.md)
 REMOTE_FORCE_N = 40.0  # peak force that a record may claim: as strong as the arms on the market

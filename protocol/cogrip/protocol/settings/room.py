@@ -11,9 +11,9 @@ from typing import Any
 import msgspec
 from msgspec.structs import replace
 
-from cogrip.protocol import felt_stiffness as felt
 from cogrip.protocol.axes import GRIP_AXES, PLACES, POSE_AXES
-from cogrip.protocol.coupling_settings import (
+from cogrip.protocol.laws import felt_stiffness as felt
+from cogrip.protocol.settings.coupling import (
     Coupling,
     CouplingSection,
     LineTuning,
@@ -22,22 +22,22 @@ from cogrip.protocol.coupling_settings import (
     round_trip_s,
     unfit_line,
 )
-from cogrip.protocol.effects import unfit_section
-from cogrip.protocol.hand_settings import WorkspaceLimit
-from cogrip.protocol.link_profile import LinkProfile, check_link
-from cogrip.protocol.network_rate import best_rate, stated_frame_s, take_auto
-from cogrip.protocol.object_fit import unfit_object
-from cogrip.protocol.rates import Rates, misfit
-from cogrip.protocol.seat_settings import SeatSettings
-from cogrip.protocol.setting_types import MOST_RENDERED_NPM
-from cogrip.protocol.settings_sections import (
+from cogrip.protocol.settings.effects import unfit_section
+from cogrip.protocol.settings.hand import WorkspaceLimit
+from cogrip.protocol.settings.link_profile import LinkProfile, check_link
+from cogrip.protocol.settings.network_rate import best_rate, stated_frame_s, take_auto
+from cogrip.protocol.settings.object_fit import unfit_object
+from cogrip.protocol.settings.rates import Rates, misfit
+from cogrip.protocol.settings.seat import SeatSettings
+from cogrip.protocol.settings.sections import (
     ONLY_USER,
     REMOTE,
     Settings,
     User,
 )
-from cogrip.protocol.settings_table import SettingsError, copied, override, readable, refuse_unknown
-from cogrip.protocol.tool_frame import ToolFrame
+from cogrip.protocol.settings.table import SettingsError, copied, override, readable, refuse_unknown
+from cogrip.protocol.settings.tool_frame import ToolFrame
+from cogrip.protocol.settings.types import MOST_RENDERED_NPM
 
 
 def resolve(table: Mapping[str, Any], overrides: Mapping[str, Any] | None = None) -> Settings:

@@ -5,7 +5,7 @@ What each end makes of a kind is in its own table: `cogrip.client.coupling.schem
 
 from typing import NamedTuple
 
-from cogrip.protocol.setting_types import Kind
+from cogrip.protocol.settings.types import Kind
 
 
 class CouplingKind(NamedTuple):

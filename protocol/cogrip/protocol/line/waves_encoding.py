@@ -2,10 +2,10 @@
 
 from collections.abc import Sequence
 
-from cogrip.protocol.clock import Clock
-from cogrip.protocol.handle import Handle
 from cogrip.protocol.line.sender import LineSender
-from cogrip.protocol.messages import Waves, encode
+from cogrip.protocol.wire.clock import Clock
+from cogrip.protocol.wire.handle import Handle
+from cogrip.protocol.wire.messages import Waves, encode
 
 
 def encode_waves(

@@ -14,7 +14,7 @@ from msgspec.structs import replace
 
 from cogrip.protocol.axes import PLACES
 from cogrip.protocol.drawing import Shape
-from cogrip.protocol.setting_types import Name
+from cogrip.protocol.settings.types import Name
 
 EffectKind = Literal["viscous", "vibration", "texture", "magnet", "path", "zone"]
 MOST_EFFECTS = 16  # most effects of one seat at once

@@ -10,11 +10,13 @@ from typing import Literal
 
 import msgspec
 
-from cogrip.protocol import messages
-from cogrip.protocol.accounts import ClientAccount
 from cogrip.protocol.axes import GRIP_AXES, POSE_AXES
-from cogrip.protocol.clock import Clock
-from cogrip.protocol.messages import (
+from cogrip.protocol.settings.rates import LEAST_DEVICE_HZ
+from cogrip.protocol.texts import clipped, shown
+from cogrip.protocol.wire import messages
+from cogrip.protocol.wire.accounts import ClientAccount
+from cogrip.protocol.wire.clock import Clock
+from cogrip.protocol.wire.messages import (
     PROTOCOL_VERSION,
     Farewell,
     Frame,
@@ -28,8 +30,6 @@ from cogrip.protocol.messages import (
     View,
     Welcome,
 )
-from cogrip.protocol.rates import LEAST_DEVICE_HZ
-from cogrip.protocol.texts import clipped, shown
 
 HELLO_EVERY_NS = 250_000_000
 GIVE_UP_NS = 3_000_000_000

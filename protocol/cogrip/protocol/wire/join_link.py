@@ -10,7 +10,7 @@ from urllib.parse import quote, unquote
 
 import msgspec
 
-from cogrip.protocol.setting_types import NAME_PATTERN
+from cogrip.protocol.settings.types import NAME_PATTERN
 
 SCHEME = "cogrip:"
 DEFAULT_PORT = 47800

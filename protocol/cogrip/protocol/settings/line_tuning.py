@@ -10,7 +10,7 @@ hands at the ends of long lines ring as masses on a spring do: from LONG_S on a 
 from math import inf, pi
 from typing import NamedTuple
 
-from cogrip.protocol.setting_types import Prefer
+from cogrip.protocol.settings.types import Prefer
 
 USUAL_NSPM = 20.0
 LEAST_NSPM, MOST_NSPM = 1.0, 60.0

@@ -11,7 +11,6 @@ from typing import Annotated, Literal
 
 import msgspec
 
-from cogrip.protocol.accounts import ClientAccount, RoomAccount, SeatAccount
 from cogrip.protocol.axes import PLACES, POSE_AXES
 from cogrip.protocol.drawing import (
     MOST_SHAPES,
@@ -25,14 +24,15 @@ from cogrip.protocol.drawing import (
     check_points,
     check_triangles,
 )
-from cogrip.protocol.effects import MOST_EFFECTS, Effect, EffectTank
-from cogrip.protocol.hand_settings import HandChange
-from cogrip.protocol.handle import Buttons, EdgeCount, Handle, Opening, Quaternion, is_unit
-from cogrip.protocol.seat_settings import SeatSettings
-from cogrip.protocol.setting_types import MOST_WAVES, SeatNumber
+from cogrip.protocol.settings.effects import MOST_EFFECTS, Effect, EffectTank
+from cogrip.protocol.settings.hand import HandChange
+from cogrip.protocol.settings.seat import SeatSettings
+from cogrip.protocol.settings.tool_frame import Scale
+from cogrip.protocol.settings.types import MOST_WAVES, SeatNumber
 from cogrip.protocol.texts import MARK_BYTES as MARK_BYTES
 from cogrip.protocol.texts import TEXT_BYTES, clipped
-from cogrip.protocol.tool_frame import Scale
+from cogrip.protocol.wire.accounts import ClientAccount, RoomAccount, SeatAccount
+from cogrip.protocol.wire.handle import Buttons, EdgeCount, Handle, Opening, Quaternion, is_unit
 
 MOST_WAIT_MS = 600_000  # longest wait for a server that restarts
 PROTOCOL_VERSION = 8

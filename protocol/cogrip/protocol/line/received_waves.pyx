@@ -13,7 +13,7 @@ from libc.string cimport memcpy
 
 from msgspec import inspect
 
-from cogrip.protocol.messages import Stamp, Waves
+from cogrip.protocol.wire.messages import Stamp, Waves
 
 cdef extern from *:
     """

@@ -1,7 +1,7 @@
 from libc.stdint cimport uint64_t
 from libc.string cimport memcpy
 
-from cogrip.protocol.clock cimport Clock
+from cogrip.protocol.wire.clock cimport Clock
 from cogrip.protocol.line.sender cimport LineSender
 
 cdef extern from *:

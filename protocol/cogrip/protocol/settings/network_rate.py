@@ -10,10 +10,10 @@ from typing import Any, Literal, Protocol
 import msgspec
 
 from cogrip.machine.addition import add_floats
-from cogrip.protocol.line.delays import Direction, PlayoutDelay, line_delay
-from cogrip.protocol.object_kinds import kind_of
-from cogrip.protocol.rates import Rates, misfit
-from cogrip.protocol.settings_sections import Settings
+from cogrip.protocol.settings.delays import Direction, PlayoutDelay, line_delay
+from cogrip.protocol.settings.object_kinds import kind_of
+from cogrip.protocol.settings.rates import Rates, misfit
+from cogrip.protocol.settings.sections import Settings
 
 AUTO = "auto"
 RATES_HZ = (128, 256, 512, 1024)

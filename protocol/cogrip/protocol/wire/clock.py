@@ -10,7 +10,7 @@ wrong by half the difference of the two least one-way delays, exactly, which no 
 their sum. Clocks drift: a bound gives way by DRIFT_PPM until a better one comes. All times are integers [ns].
 """
 
-from cogrip.protocol.messages import Stamp
+from cogrip.protocol.wire.messages import Stamp
 
 DRIFT_PPM = 500  # largest drift of one clock against the other: crystals are within 100, NTP corrects up to 500
 _DRIFT_PART = 1_000_000 // DRIFT_PPM

@@ -7,14 +7,14 @@ from typing import Annotated
 import msgspec
 
 from cogrip.machine.addition import add_floats
-from cogrip.protocol import decimation
-from cogrip.protocol import felt_stiffness as felt
-from cogrip.protocol import setting_types as types
 from cogrip.protocol.axes import GRIP_AXES
-from cogrip.protocol.coupling_kinds import COUPLING_KINDS, CouplingKind
-from cogrip.protocol.line.delays import Direction, PlayoutDelay, line_delay
-from cogrip.protocol.line_tuning import USUAL_NSPM, corner_hz, filter_lag_s, kept_tuning, tuning
-from cogrip.protocol.rates import Rates
+from cogrip.protocol.laws import decimation
+from cogrip.protocol.laws import felt_stiffness as felt
+from cogrip.protocol.settings import types
+from cogrip.protocol.settings.coupling_kinds import COUPLING_KINDS, CouplingKind
+from cogrip.protocol.settings.delays import Direction, PlayoutDelay, line_delay
+from cogrip.protocol.settings.line_tuning import USUAL_NSPM, corner_hz, filter_lag_s, kept_tuning, tuning
+from cogrip.protocol.settings.rates import Rates
 
 LEAST_FILTER_HZ = 0.05
 GRIP_NSPM = 10.0  # impedance of a gripper where the settings give none

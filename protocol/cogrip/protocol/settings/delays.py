@@ -13,7 +13,7 @@ from math import ceil, exp
 from typing import Literal, NamedTuple, Protocol
 
 from cogrip.machine.addition import add_floats
-from cogrip.protocol.rates import Rates
+from cogrip.protocol.settings.rates import Rates
 
 DEEPEST = 256  # largest playout delay [frames]
 Frames = int | Literal["auto"]

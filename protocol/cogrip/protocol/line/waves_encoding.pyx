@@ -3,10 +3,10 @@
 from cpython.bytes cimport PyBytes_FromStringAndSize
 from libc.string cimport memcpy
 
-from cogrip.protocol.clock cimport Clock
+from cogrip.protocol.wire.clock cimport Clock
 from cogrip.protocol.line.sender cimport LineSender
 
-from cogrip.protocol.messages import encode
+from cogrip.protocol.wire.messages import encode
 
 cdef enum:
     TAG = 4

@@ -3,10 +3,10 @@
 from collections.abc import Sequence
 
 from cogrip.protocol.axes import GRIP_AXES, PLACES, POSE_AXES
-from cogrip.protocol.object_kinds import KINDS, LOCAL_KINDS, kind_of, unfit_kind
-from cogrip.protocol.setting_types import MOST_WAVES, PINCH
-from cogrip.protocol.settings_sections import Settings
-from cogrip.protocol.task import unfit
+from cogrip.protocol.settings.object_kinds import KINDS, LOCAL_KINDS, kind_of, unfit_kind
+from cogrip.protocol.settings.sections import Settings
+from cogrip.protocol.settings.task import unfit
+from cogrip.protocol.settings.types import MOST_WAVES, PINCH
 
 
 def unfit_object(settings: Settings, compensated: Sequence[str]) -> str:

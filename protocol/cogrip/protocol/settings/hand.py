@@ -12,8 +12,17 @@ import msgspec
 from msgspec.structs import asdict, replace
 
 from cogrip.protocol.axes import PLACES
-from cogrip.protocol.rotations import UNTURNED, log
-from cogrip.protocol.tool_frame import LEAST_SCALE, MOST_SCALE, Button, Part, Rotation, Scale, ToolFrame, rotation_of
+from cogrip.protocol.laws.rotations import UNTURNED, log
+from cogrip.protocol.settings.tool_frame import (
+    LEAST_SCALE,
+    MOST_SCALE,
+    Button,
+    Part,
+    Rotation,
+    Scale,
+    ToolFrame,
+    rotation_of,
+)
 
 MOST_LIMIT_M = 10.0
 LimitText = Annotated[str, msgspec.Meta(max_length=160)]

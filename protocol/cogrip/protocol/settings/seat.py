@@ -5,22 +5,22 @@ from typing import Annotated
 import msgspec
 from msgspec.structs import replace
 
-from cogrip.protocol import felt_stiffness as felt
-from cogrip.protocol import setting_types as types
-from cogrip.protocol.coupling_settings import (
+from cogrip.protocol.laws import felt_stiffness as felt
+from cogrip.protocol.settings import types
+from cogrip.protocol.settings.coupling import (
     Coupling,
     LineTuning,
     line_compliance,
     round_trip_s,
 )
-from cogrip.protocol.hand_settings import NO_LIMIT, HandChange, WorkspaceLimit
-from cogrip.protocol.line_tuning import Tuning, kept_tuning, tuning
-from cogrip.protocol.link_profile import LinkProfile
-from cogrip.protocol.object_kinds import kind_of
-from cogrip.protocol.rates import Rates
-from cogrip.protocol.setting_types import Name, Seconds, Seed, Side
-from cogrip.protocol.settings_sections import MOST_PEOPLE, Object, Playout
-from cogrip.protocol.tool_frame import ToolFrame
+from cogrip.protocol.settings.hand import NO_LIMIT, HandChange, WorkspaceLimit
+from cogrip.protocol.settings.line_tuning import Tuning, kept_tuning, tuning
+from cogrip.protocol.settings.link_profile import LinkProfile
+from cogrip.protocol.settings.object_kinds import kind_of
+from cogrip.protocol.settings.rates import Rates
+from cogrip.protocol.settings.sections import MOST_PEOPLE, Object, Playout
+from cogrip.protocol.settings.tool_frame import ToolFrame
+from cogrip.protocol.settings.types import Name, Seconds, Seed, Side
 
 
 class SeatSettings(msgspec.Struct, frozen=True, array_like=True):

@@ -5,8 +5,8 @@ from pathlib import Path
 
 import msgspec
 
-from cogrip.protocol.settings import coupling_asked, rates_of
-from cogrip.protocol.settings_sections import Settings
+from cogrip.protocol.settings.room import coupling_asked, rates_of
+from cogrip.protocol.settings.sections import Settings
 
 
 def digest(settings: Settings) -> str:

@@ -11,7 +11,7 @@ from typing import Any, get_args
 import msgspec
 
 from cogrip.protocol.foreign_file import ForeignFileError
-from cogrip.protocol.setting_errors import expects, plain
+from cogrip.protocol.settings.errors import expects, plain
 
 
 class SettingsError(ForeignFileError, ValueError):

@@ -4,9 +4,9 @@ from typing import Annotated, Any, Literal
 
 import msgspec
 
-from cogrip.protocol.network_profiles import PROFILES, ProfileName
-from cogrip.protocol.setting_errors import expects
-from cogrip.protocol.settings_table import SettingsError
+from cogrip.protocol.settings.errors import expects
+from cogrip.protocol.settings.network_profiles import PROFILES, ProfileName
+from cogrip.protocol.settings.table import SettingsError
 
 Milliseconds = Annotated[float, msgspec.Meta(ge=0.0, le=10_000.0)]
 Probability = Annotated[float, msgspec.Meta(ge=0.0, le=0.99)]

@@ -7,7 +7,7 @@ number. An edge is a button's number from 1: above 0 it went down, below 0 up.
 from collections import Counter, deque
 from collections.abc import Iterator
 
-from cogrip.protocol.handle import MOST_AGE, MOST_BUTTONS, MOST_EDGES, Handle, Quaternion
+from cogrip.protocol.wire.handle import MOST_AGE, MOST_BUTTONS, MOST_EDGES, Handle, Quaternion
 
 LEFT_OUT = "button edges"
 
