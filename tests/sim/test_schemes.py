@@ -12,7 +12,7 @@ from cogrip.analysis.lifted_model import KINDS as BLOCKS
 from cogrip.analysis.linear_session import FORMS, Scheme, linear_session, scheme_of, scheme_overrides
 from cogrip.cli.session.joined_device import MOST_ADVISED_FRAMES
 from cogrip.cli.settings.shipped_settings import shipped_scene
-from cogrip.client.coupling.interface import schemes as client_schemes
+from cogrip.client.coupling import schemes as client_schemes
 from cogrip.experiments.methods.method import METHODS
 from cogrip.protocol.settings.coupling_kinds import COUPLING_KINDS
 from cogrip.protocol.settings.object_kinds import KINDS as OBJECT_KINDS
