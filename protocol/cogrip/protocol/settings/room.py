@@ -170,7 +170,7 @@ def _check_fit(settings: Settings) -> None:
     if times > 1:
         raise SettingsError(f"users: the name {name!r} stands twice; give every user a name of their own")
     kind = settings.coupling.kind
-    if kind != "wave" and settings.coupling.server_step == "paper":
+    if settings.coupling.server_step == "paper" and not settings.coupling.traits.paper_step:
         raise SettingsError(
             f'coupling.server_step = "paper" is a step of the wave scheme; with coupling.kind = "{kind}" leave it "passive"'
         )
