@@ -31,6 +31,7 @@ from cogrip.protocol.settings.rates import Rates, misfit
 from cogrip.protocol.settings.seat import SeatSettings
 from cogrip.protocol.settings.sections import (
     ONLY_USER,
+    OWN_COUPLING,
     REMOTE,
     Settings,
     User,
@@ -84,7 +85,7 @@ def for_remote_clients(settings: Settings) -> Settings:
 
 def coupling_asked(settings: Settings, user: User) -> CouplingSection:
     """Return [coupling] with this user's own values."""
-    own = {name: getattr(user, name) for name in CouplingSection.__struct_fields__ if hasattr(user, name)}
+    own = {name: getattr(user, name) for name in OWN_COUPLING}
     return replace(settings.coupling, **{name: value for name, value in own.items() if value is not None})
 
 
