@@ -7,8 +7,6 @@ from cogrip.client.coupling.local_contact import LocalCoupling, LocalFace, Local
 from cogrip.client.coupling.local_poses import LocalPoses
 from cogrip.client.coupling.local_scene import LocalScene
 from cogrip.client.coupling.schemes import SCHEMES
-from cogrip.client.seat.seat_hand import SeatHand
-from cogrip.client.seat.seated import SeatedClient
 from cogrip.machine.compiled_files import form
 from cogrip.protocol.laws.decimation import Boxcar, Decimator, LastSample, Lowpass
 
@@ -26,7 +24,6 @@ COUPLINGS = (*[make for make in SCHEMES.values() if isinstance(make, type)], *LO
         *((LocalCoupling, made) for made in LOCAL),
         *((LocalFace, made) for made in (LocalWall, LocalFaces)),
         *((Decimator, made) for made in (Boxcar, Lowpass, LastSample)),
-        (SeatHand, SeatedClient),
     ],
 )
 def test_nothing_is_left_to_the_base(base: type, made: type) -> None:
