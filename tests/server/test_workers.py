@@ -17,6 +17,7 @@ from cogrip.machine.stop import Stop
 from cogrip.protocol.wire.messages import padded
 from cogrip.server.admission import AdmissionServices, Grant
 from cogrip.server.core import ServerCore
+from cogrip.server.hosting.administration import merged
 from cogrip.server.hosting.link import (
     MOST_BYTES,
     Ask,
@@ -30,11 +31,10 @@ from cogrip.server.hosting.link import (
     Say,
     Stray,
 )
-from cogrip.server.hosting.workers.administration import merged
+from cogrip.server.hosting.orders import LinkOrders
 from cogrip.server.hosting.workers.channel import WorkerChannel
 from cogrip.server.hosting.workers.front import shares
-from cogrip.server.hosting.workers.orders import LinkOrders
-from cogrip.server.hosting.workers.paths import WorkerPort
+from cogrip.server.hosting.workers.paths import WorkerSockets
 from cogrip.server.hosting.workers.steering import Steering, open_path, open_public
 from cogrip.server.hosting.workers.verdicts import FrontVerdicts
 from cogrip.server.io.control import Answer, Kick, Who
@@ -93,7 +93,7 @@ class Linked:
     def __init__(self, by_front: socket.socket | None = None, own: bool = False) -> None:
         self.front, self.link = (Link(end) for end in message_pair())
         self.verdicts = FrontVerdicts(self.link)
-        self.port = WorkerPort(self.link, Stop(), self.verdicts, LinkOrders(self.link), by_front, own)
+        self.port = WorkerSockets(self.link, Stop(), self.verdicts, LinkOrders(self.link), by_front, own)
 
     def hand_over(self, public: socket.socket, peer: socket.socket) -> None:
         """Hand over the path of a peer, as the front does."""

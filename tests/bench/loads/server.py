@@ -35,7 +35,7 @@ from cogrip.server.io.housekeeping import Housekeeping
 from cogrip.server.io.loop import LiveServer
 from cogrip.server.io.state_folder import StateFolder, make_folder
 from cogrip.server.io.token_file import TokenFile, draw_token
-from cogrip.server.io.udp_port import ServerChannel
+from cogrip.server.io.udp_socket import ServerChannel
 from cogrip.server.rate_limit import RateLimiter
 from cogrip.server.unencrypted_channel import UnencryptedListener
 

@@ -43,13 +43,13 @@ from cogrip.server.hosting.link import (
     Saved,
     Serve,
 )
-from cogrip.server.hosting.workers.orders import LinkMeasures, LinkOrders
+from cogrip.server.hosting.orders import LinkMeasures, LinkOrders
 from cogrip.server.io.authenticator import TokenAuthenticator
 from cogrip.server.io.housekeeping import Housekeeping
 from cogrip.server.io.loop import LiveServer
 from cogrip.server.io.state_folder import find_folder
 from cogrip.server.io.token_file import TokenFile
-from cogrip.server.io.udp_port import PortRange, ServeError
+from cogrip.server.io.udp_socket import PortRange, ServeError
 
 DESERTED_S = 10.0  # time after which a process that nobody answers ends: whoever was there may be resuming
 

@@ -38,7 +38,7 @@ from cogrip.server.io.loop import FLOOR_BYTES, LiveServer
 from cogrip.server.io.metrics_feed import MetricsError, MetricsFeed, open_metrics
 from cogrip.server.io.run_retention import GB
 from cogrip.server.io.state_folder import StateError, StateFolder, state_path
-from cogrip.server.io.udp_port import HostError, ServeError
+from cogrip.server.io.udp_socket import HostError, ServeError
 
 if TYPE_CHECKING:
     from cogrip.cli.session.serve_cluster import ClusterJob, ClusterServer

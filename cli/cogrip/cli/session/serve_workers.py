@@ -22,7 +22,7 @@ from cogrip.protocol.secure.channel import Address
 from cogrip.protocol.settings.network_rate import RateChoice
 from cogrip.protocol.settings.sections import Settings
 from cogrip.protocol.version import VERSION
-from cogrip.server.hosting.workers.administration import Administration
+from cogrip.server.hosting.administration import Administration
 from cogrip.server.hosting.workers.front import DYING, Front, FrontChannel, shares
 from cogrip.server.hosting.workers.pool import START_LIMIT_S, WorkerPool
 from cogrip.server.hosting.workers.steering import Steering, open_public, replaces_safely
@@ -30,7 +30,7 @@ from cogrip.server.io.authenticator import TokenAuthenticator
 from cogrip.server.io.control import Control
 from cogrip.server.io.metrics_feed import MetricsError, MetricsFeed, open_metrics
 from cogrip.server.io.state_folder import StateError, StateFolder
-from cogrip.server.io.udp_port import HostError, ServeError, cannot_listen
+from cogrip.server.io.udp_socket import HostError, ServeError, cannot_listen
 
 ORPHANS_S = 1.0  # time for which workers of a front that was killed may still have the port
 

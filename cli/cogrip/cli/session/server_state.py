@@ -31,7 +31,7 @@ from cogrip.server.io.state_folder import (
     write_server,
 )  # fmt: skip
 from cogrip.server.io.token_file import TokenFile
-from cogrip.server.io.udp_port import ServerChannel
+from cogrip.server.io.udp_socket import ServerChannel
 from cogrip.server.rate_limit import RateLimiter, limits_for
 from cogrip.server.tokens import TokenError
 from cogrip.server.unencrypted_channel import UnencryptedListener

@@ -20,9 +20,9 @@ from cogrip.protocol.settings.sections import Settings
 from cogrip.protocol.version import VERSION
 from cogrip.results.folder import SERVER_RECORDING, write_settings
 from cogrip.server.hosting.link import Assign, Link, LinkEndedError, Ready
+from cogrip.server.hosting.orders import LinkMeasures, LinkOrders
 from cogrip.server.hosting.workers.channel import WorkerChannel
-from cogrip.server.hosting.workers.orders import LinkMeasures, LinkOrders
-from cogrip.server.hosting.workers.paths import WorkerPort
+from cogrip.server.hosting.workers.paths import WorkerSockets
 from cogrip.server.hosting.workers.verdicts import FrontVerdicts
 from cogrip.server.io.housekeeping import Housekeeping
 from cogrip.server.io.loop import LiveServer
@@ -71,7 +71,7 @@ def _serve(link: Link, job: Job, number: int) -> int:
     lines, stop = LogLines(job.log), Stop()
     verdicts, orders = FrontVerdicts(link), LinkOrders(link)
     verdicts.void(first.revoked, first.expired)
-    port = WorkerPort(link, stop, verdicts, orders, shared, first.own)
+    port = WorkerSockets(link, stop, verdicts, orders, shared, first.own)
     rate_limiter = RateLimiter(secrets.token_bytes(16), limits_for(max(room.rates.network_hz for room in rooms)))
     server = LiveServer(
         rooms, "", 0, stop, lines.say, lambda core: WorkerChannel(link, port, rate_limiter, core.knows),

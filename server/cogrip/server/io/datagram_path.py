@@ -4,7 +4,7 @@ from cogrip.machine.platform import time
 from cogrip.protocol.wire.messages import MAX_DATAGRAM_BYTES
 from cogrip.server import inputs
 from cogrip.server.core import ServerCore
-from cogrip.server.io.udp_port import DatagramPort, ServerChannel
+from cogrip.server.io.udp_socket import DatagramSocket, ServerChannel
 
 MOST_AT_ONCE = 1024  # most datagrams that are received before a tick: a flood beyond that is the kernel's to drop
 CLOCK_EVERY = 32  # number of datagrams between two readings of the clock
@@ -21,7 +21,7 @@ class DatagramPath:
     cut_short       times that some datagrams were left for the next tick
     """
 
-    def __init__(self, port: DatagramPort, channel: ServerChannel, core: ServerCore, limit_ns: int) -> None:
+    def __init__(self, port: DatagramSocket, channel: ServerChannel, core: ServerCore, limit_ns: int) -> None:
         self._port, self._channel, self._core, self._limit_ns = port, channel, core, limit_ns
         self.received = self.sent = self.cut_short = 0
 

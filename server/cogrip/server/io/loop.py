@@ -30,7 +30,7 @@ from cogrip.server.events import UNAUTHENTICATED_EVENTS, ServerEvent
 from cogrip.server.io.call_limit import call_limit
 from cogrip.server.io.datagram_path import DatagramPath
 from cogrip.server.io.paced_room import PacedRoom, deserted_among, next_due_ns, step_due, take_due
-from cogrip.server.io.udp_port import DatagramPort, PortRange, ServerChannel, UdpPort
+from cogrip.server.io.udp_socket import DatagramSocket, PortRange, ServerChannel, UdpSocket
 from cogrip.server.rate_limit import Buckets, Budget
 from cogrip.server.recorder import WHO, RecordedServer
 from cogrip.server.room import Room
@@ -79,7 +79,7 @@ class LiveServer:
     channel: ServerChannel = field(init=False)
     pacers: dict[str, Pacer] = field(init=False, default_factory=dict)
     recorder: Recorder | None = field(init=False, default=None)
-    _port: DatagramPort = field(init=False)
+    _port: DatagramSocket = field(init=False)
     _start_ns: int = field(init=False, default=0)
     _overran: int = field(init=False, default=0)
     _path: DatagramPath = field(init=False)
@@ -92,11 +92,11 @@ class LiveServer:
 
     def listen(self, ports: PortRange | None = None) -> tuple[str, int]:
         """Bind, and return (host, port). ports: to take one of, in place of `port`. Raises ServeError."""
-        port = UdpPort(self.host, self.port, ports)
+        port = UdpSocket(self.host, self.port, ports)
         self.serve_at(port)
         return port.place
 
-    def serve_at(self, port: DatagramPort) -> None:
+    def serve_at(self, port: DatagramSocket) -> None:
         """Serve at a port that is open already. Raises what `open_channel` raises, the port being closed then."""
         self._port = port
         services = AdmissionServices(

@@ -1,6 +1,6 @@
 cimport cython
 
-from cogrip.server.hosting.workers.paths cimport OpenPath, WorkerPort
+from cogrip.server.hosting.workers.paths cimport OpenPath, WorkerSockets
 from cogrip.server.rate_limit cimport RateLimiter
 
 
@@ -10,7 +10,7 @@ cdef class WorkerChannel:
     cdef public object renewed
     cdef public object failed
     cdef object _link
-    cdef WorkerPort _port
+    cdef WorkerSockets _port
     cdef RateLimiter _rate_limiter
     cdef object _seated
     cdef object _counts

@@ -13,7 +13,7 @@ cdef class OpenPath:
     cdef public bint closed
 
 
-cdef class WorkerPort:
+cdef class WorkerSockets:
     cdef public dict paths
     cdef public bint from_front
     cdef public bint is_stray

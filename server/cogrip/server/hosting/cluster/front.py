@@ -18,7 +18,7 @@ from cogrip.server.events import ServerEvent
 from cogrip.server.hosting.cluster.connection import RemoteRooms
 from cogrip.server.hosting.cluster.directory import taken_seats
 from cogrip.server.hosting.link import Answered, PeerAddress
-from cogrip.server.hosting.public_port import FrontChannel, PublicPort
+from cogrip.server.hosting.public_socket import FrontChannel, PublicSocket
 
 
 class Taken(NamedTuple):
@@ -28,7 +28,7 @@ class Taken(NamedTuple):
     user: str
 
 
-class ClusterFront(PublicPort):
+class ClusterFront(PublicSocket):
     """Front of some rooms. pool: where they are. place: HOST:PORT of this front; answered: takes answers to orders."""
 
     def __init__(

@@ -9,7 +9,7 @@ from cogrip.protocol.secure.dtls_records import CHANGE_CIPHER_SPEC, HANDSHAKE
 from cogrip.protocol.wire.messages import MAX_DATAGRAM_BYTES
 from cogrip.server.events import ServerEvent
 from cogrip.server.hosting.link import Asked, Astray, Link, Released, Say
-from cogrip.server.hosting.workers.paths import OpenPath, WorkerPort
+from cogrip.server.hosting.workers.paths import OpenPath, WorkerSockets
 from cogrip.server.rate_limit import RateLimiter
 from cogrip.server.unencrypted_channel import looks_like_hello
 
@@ -21,7 +21,7 @@ class WorkerChannel:
     """`ServerChannel` of a worker. seated: says whether somebody in a session is at an address (`ServerCore.knows`)."""
 
     def __init__(
-        self, link: Link, port: WorkerPort, rate_limiter: RateLimiter, seated: Callable[[Address], bool]
+        self, link: Link, port: WorkerSockets, rate_limiter: RateLimiter, seated: Callable[[Address], bool]
     ) -> None:
         self.outbox: deque[tuple[Address, bytes]] = deque()
         self.events: deque[ServerEvent] = deque()

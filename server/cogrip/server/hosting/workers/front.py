@@ -44,8 +44,8 @@ from cogrip.server.hosting.link import (
     Say,
     Stray,
 )  # fmt: skip
-from cogrip.server.hosting.public_port import FrontChannel as FrontChannel
-from cogrip.server.hosting.public_port import PublicPort
+from cogrip.server.hosting.public_socket import FrontChannel as FrontChannel
+from cogrip.server.hosting.public_socket import PublicSocket
 from cogrip.server.hosting.workers.pool import Worker, WorkerPool
 from cogrip.server.hosting.workers.steering import Steering, open_path
 from cogrip.server.io.dtls_channel import DtlsListener
@@ -75,7 +75,7 @@ class Waiting(NamedTuple):
     since_ns: int
 
 
-class Front(PublicPort):
+class Front(PublicSocket):
     """Front of some rooms. open_channel: returns the channel, given what says whether an address has a path or has asked.
 
     seated    peers with a path

@@ -28,7 +28,7 @@ from cogrip.server.hosting.link import (
     Stray,
     Void,
 )  # fmt: skip
-from cogrip.server.hosting.workers.orders import LinkOrders
+from cogrip.server.hosting.orders import LinkOrders
 from cogrip.server.hosting.workers.verdicts import FrontVerdicts
 
 MOST_ADDRESSES = 4096
@@ -55,8 +55,8 @@ class OpenPath:
         self.closed = False
 
 
-class WorkerPort:
-    """`DatagramPort` of a worker.
+class WorkerSockets:
+    """`DatagramSocket` of a worker.
 
     paths       by the peer's address
     from_front  what `receive` returned last is a message, which the front has decrypted

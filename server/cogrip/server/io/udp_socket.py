@@ -19,7 +19,7 @@ class HostError(ServeError):
     """There is no such address here, and there will be none."""
 
 
-class DatagramPort(Protocol):
+class DatagramSocket(Protocol):
     """Datagrams of many peers."""
 
     def receive(self, most_bytes: int, now_ns: int) -> tuple[bytes, Address, int]:
@@ -49,7 +49,7 @@ class ServerChannel(Channel, Protocol):
     events: deque[ServerEvent]
 
 
-class UdpPort:
+class UdpSocket:
     """One bound UDP socket. place: its host and port. Raises ServeError."""
 
     def __init__(self, host: str, port: int, ports: PortRange | None = None) -> None:

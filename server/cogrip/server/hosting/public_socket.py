@@ -30,7 +30,7 @@ class FrontChannel(Channel, Protocol):
     events: deque[ServerEvent]
 
 
-class PublicPort:
+class PublicSocket:
     """Port of some rooms. chores: called some 20 times a second with the time [ns]."""
 
     def __init__(
