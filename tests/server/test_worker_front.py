@@ -21,7 +21,7 @@ from cogrip.protocol.wire.messages import PROTOCOL_VERSION, Hello, Welcome, padd
 from cogrip.protocol.wire.session import refusal
 from cogrip.server.admission import Grant
 from cogrip.server.events import ServerEvent
-from cogrip.server.hosting import public_port
+from cogrip.server.hosting import public_socket
 from cogrip.server.hosting.link import (
     Ask,
     Assign,
@@ -216,7 +216,7 @@ def test_a_hello_goes_to_its_worker_with_the_time_at_which_it_came(
     sent_ns = time.monotonic_ns()
     ready.person.sendto(ready.ask("cellar"), ready.public.getsockname())
     came_ns = time.monotonic_ns()
-    monkeypatch.setattr(public_port, "time", SimpleNamespace(monotonic_ns=lambda: came_ns + 3_000_000_000))
+    monkeypatch.setattr(public_socket, "time", SimpleNamespace(monotonic_ns=lambda: came_ns + 3_000_000_000))
     assert ready.asked(2) == []
     ready.front._drain()
     given, _ = ready.ends[2].take_at_worker()

@@ -1,48 +1,35 @@
 """`cogrip serve`: the shared object, for everyone who joins."""
 
 from collections.abc import Mapping, Sequence
-from contextlib import ExitStack, suppress
+from contextlib import ExitStack
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Literal, NamedTuple
+from typing import Annotated, Literal
 
 from cyclopts import Parameter
 
-from cogrip.cli.runs.run_folder import leave_files, live_run_folder
 from cogrip.cli.session.kept_runs import Keeping
-from cogrip.cli.session.live_views import ServeView, drawing
 from cogrip.cli.session.log_lines import LogLines
-from cogrip.cli.session.network_rate import RateChoices, measured, write_choice
+from cogrip.cli.session.network_rate import RateChoices, measured
 from cogrip.cli.session.python_worlds import PythonWorlds, allow_python_worlds
+from cogrip.cli.session.serve_here import ServerHere
 from cogrip.cli.session.served_rooms import Say, Workers, is_loopback, rooms_of, warn_of, worker_count
-from cogrip.cli.session.server_state import LOOPBACKS, authenticator_of, channel_of, held_folder, publish, shared_folder
+from cogrip.cli.session.server_state import LOOPBACKS, authenticator_of, held_folder, publish, shared_folder
 from cogrip.cli.session.trigger_line import open_trigger
 from cogrip.cli.session.view_child import ViewChild
-from cogrip.cli.terminal.output import make_console
 from cogrip.cli.terminal.parameters import Overrides, Quiet, Record, Report
 from cogrip.cli.terminal.problem import BadInput, Problem, some_time, within
-from cogrip.cli.terminal.screen import LiveScreen, may_draw
 from cogrip.machine.platform import system
 from cogrip.machine.stop import Stop, on_signals
 from cogrip.protocol.secure.channel import place_text
 from cogrip.protocol.settings.room import for_remote_clients
-from cogrip.protocol.settings.sections import Settings
 from cogrip.protocol.texts import named
-from cogrip.protocol.version import VERSION
 from cogrip.protocol.wire.join_link import DEFAULT_PORT
 from cogrip.protocol.wire.messages import MOST_WAIT_MS
-from cogrip.results.folder import SERVER_RECORDING, write_settings, write_warnings
-from cogrip.results.summary import of_room
-from cogrip.results.verdict import came, succeeded
-from cogrip.server.io.housekeeping import Housekeeping
-from cogrip.server.io.loop import FLOOR_BYTES, LiveServer
+from cogrip.server.hosting.placement import Placement, Served
+from cogrip.server.io.loop import FLOOR_BYTES
 from cogrip.server.io.metrics_feed import MetricsError, MetricsFeed, open_metrics
 from cogrip.server.io.run_retention import GB
-from cogrip.server.io.state_folder import StateError, StateFolder, state_path
-from cogrip.server.io.udp_socket import HostError, ServeError
-
-if TYPE_CHECKING:
-    from cogrip.cli.session.serve_cluster import ClusterJob, ClusterServer
-    from cogrip.cli.session.serve_workers import FrontJob, FrontServer
+from cogrip.server.io.state_folder import StateFolder, state_path
 
 
 def serve(
@@ -146,133 +133,60 @@ def serve(
         say(text)
     encrypted = _encrypted(encrypted, insecure, host)
     _check_flags(encrypted, public, metrics, seconds)
-    keeping = Keeping(runs, keep_days, keep_gb, free_gb)
+    keeping = Keeping(runs, keep_days, keep_gb, free_gb, into)
     keeping.check()
     if encrypted:
         rooms = [for_remote_clients(room) for room in rooms]
-    names = [room.name for room in rooms]
     count = worker_count(workers, len(rooms))
     if count > 1 and trigger is not None:
         raise BadInput("--trigger is for one process: leave --workers out, or serve its room by another server")
-    alone = {
+    one_host = {
         "--workers": workers != 1,
         "--trigger": trigger is not None,
         "--view": view,
         "--fresh": fresh,
         "--hand-over": hand_over is not None,
         **keeping.given,
+        "--into": into is not None,
     }
     shared_flags = {"--shared": shared, "--room-ports": room_ports, "--checkpoints": checkpoints != "folder"}
-    head = _head(cluster, {**alone, "--into": into is not None}, shared_flags)
+    head = _head(cluster, one_host, shared_flags)
     stop = Stop()
     with ExitStack() as stack:
         line = open_trigger(trigger, stack)
         warnings: list[str] = []
-        state_folder = held_folder(state, port, encrypted, warnings.append, stack)
-        _check_hand_over(hand_over, state_folder)
-        state_folder = shared_folder(state_folder, shared, encrypted)
-        key_folder = state_folder if encrypted else None
-        authenticator = authenticator_of(key_folder, say)
-        shown = _Shown(public, links, view, insecure, metrics, warnings)
+        folder = held_folder(state, port, encrypted, warnings.append, stack)
+        _check_hand_over(hand_over, folder)
+        folder = shared_folder(folder, shared, encrypted)
+        authenticator = authenticator_of(folder if encrypted else None, say)
+        served = Served(rooms, host, port, folder, authenticator, encrypted, record, report, rates.found)
+        placement: Placement
         if head is not None:
-            from cogrip.cli.session.serve_cluster import ClusterJob, ClusterServer, ports_of  # with OpenSSL
+            from cogrip.cli.session.serve_cluster import ClusterFlags, ClusterServer, ports_of  # with OpenSSL
 
-            hosts = ClusterJob(
-                rooms, head, host, port, public, state_folder, authenticator, encrypted, runs, record, report, rates.found,
-                ports_of(room_ports), checkpoints == "memory",
-            )  # fmt: skip
-            return _serve_by_front(ClusterServer(hosts, stop, lines, stack), hosts, stop, lines, stack, shown, seconds)
-        if count > 1:
-            from cogrip.cli.session.serve_workers import FrontJob, FrontServer  # with OpenSSL
+            flags = ClusterFlags(head, public, ports_of(room_ports), checkpoints == "memory", runs)
+            placement = ClusterServer(served, flags, stop, lines, stack)
+        elif count > 1:
+            from cogrip.cli.session.serve_workers import WorkerServer  # with OpenSSL
 
-            run_folder = into or live_run_folder(runs, "rooms", say)
-            job = FrontJob(
-                rooms, count, host, port, state_folder, authenticator, encrypted, fresh, run_folder, record, report,
-                rates.found, keeping.floor_bytes, hand_over,
-            )  # fmt: skip
-            keeping.begin(run_folder, say, stack)
-            return _serve_by_front(
-                FrontServer(job, stop, lines, stack), job, stop, lines, stack, shown, seconds, keeping
-            )
-        server = LiveServer(
-            rooms, host, port, stop, say, lambda core: channel_of(core, key_folder), seconds=seconds,
-            floor_bytes=keeping.floor_bytes, hand_over_s=hand_over,
-        )  # fmt: skip
-        if authenticator is not None:
-            server.authenticator = authenticator
-        with Problem.of(ServeError), BadInput.of(HostError):
-            bound = server.listen()
+            placement = WorkerServer(served, count, keeping, fresh, hand_over, stop, lines, stack)
+        else:
+            placement = ServerHere(served, keeping, fresh, hand_over, line, quiet, stop, lines, stack)
         for text in warnings:
             say(text)
-        run_folder = into or live_run_folder(runs, names[0] if len(names) == 1 else "rooms", say)
-        server.record_at = run_folder / SERVER_RECORDING if run_folder and record else None
-        keeping.begin(run_folder, say, stack)
-        folders = _write_settings(rooms, run_folder, rates, say)
-        try:
+        with Problem.of(MetricsError):
             feed = None if metrics is None else open_metrics(metrics, say)
-            housekeeping = Housekeeping(
-                server, say, folder=state_folder, authenticator=authenticator, metrics=feed,
-                trigger=line, software=VERSION, fresh=fresh,
-            )  # fmt: skip
-        except (MetricsError, StateError) as error:
-            server.close()
-            raise Problem(str(error)) from None
         with on_signals(stop, hangup="reload"):
-            told = warn_of(rooms, bound, encrypted, say)
-            _leave_warnings(folders if into is None else {}, told)
+            chores = placement.begin(feed, warn_of(rooms, placement.bound, encrypted, say))
             link = ""
-            if state_folder:
-                link, housekeeping.published = publish(state_folder, public, bound, rooms, encrypted, links, say)
-            housekeeping.more_degraded = lambda: keeping.degraded(record and run_folder is None)
-            housekeeping.begin()
-            _say_where(bound, encrypted, names, feed, say)
+            if folder:
+                link, chores.published = publish(folder, public, placement.bound, rooms, encrypted, links, say)
+            chores.more_degraded = lambda: keeping.degraded(record)
+            chores.begin()
+            _say_where(placement.bound, encrypted, [room.name for room in rooms], feed, say)
             if view:
-                _view(bound, link, names[0], insecure, say, stack)
-            screen = stack.enter_context(LiveScreen(say))
-            if not quiet:
-                _draw(screen, lines, rooms, run_folder if record else None, state_folder)
-            try:
-                server.run()
-            finally:
-                screen.close()
-                housekeeping.end(said_goodbye=bool(stop.reason))
-            say(stop.reason)
-            losses = {**server.drops(), **server.losses(), **housekeeping.counts()}
-            return _conclude(server, folders, losses, lines, alone=into is None, report=report)
-
-
-def _write_settings(
-    rooms: Sequence[Settings], run_folder: Path | None, rates: RateChoices, say: Say
-) -> dict[str, Path]:
-    """Leave each room's settings in its own folder of a run. Returns the folders by room."""
-    if run_folder is None:
-        return {}
-    folders = {room.name: run_folder if len(rooms) == 1 else run_folder / room.name for room in rooms}
-    try:
-        for room in rooms:
-            write_settings(folders[room.name], room)
-            write_choice(folders[room.name], rates.found.get(room.name))
-    except OSError as error:  # the session continues; the recorder reports by itself
-        say(f"warning: {run_folder}: {error.strerror}; no settings are left there")
-    return folders
-
-
-def _leave_warnings(folders: Mapping[str, Path], told: Mapping[str, Sequence[str]]) -> None:
-    """Leave what was warned of for the rooms' reports; a folder of another has it in the log there."""
-    with suppress(OSError):  # which was said already
-        for name, folder in folders.items():
-            write_warnings(folder, told[name])
-
-
-class _Shown(NamedTuple):
-    """Flags of what is shown to people."""
-
-    public: str | None
-    links: bool
-    view: bool
-    insecure: bool
-    metrics: int | None
-    warnings: Sequence[str]
+                _view(placement.bound, link, rooms[0].name, insecure, say, stack)
+            return placement.run(seconds)
 
 
 def _head(cluster: str | None, one_host: dict[str, bool], for_cluster: Mapping[str, object]) -> str | None:
@@ -293,31 +207,6 @@ def _head(cluster: str | None, one_host: dict[str, bool], for_cluster: Mapping[s
     return head_of(cluster)
 
 
-def _serve_by_front(
-    server: "FrontServer | ClusterServer", job: "FrontJob | ClusterJob", stop: Stop, lines: LogLines, stack: ExitStack,
-    shown: _Shown, seconds: float | None, keeping: Keeping | None = None,
-) -> int:  # fmt: skip
-    """Serve by a front, and workers or other hosts. Return the exit code."""
-    say, rooms, encrypted = lines.say, job.rooms, job.encrypted
-    for text in shown.warnings:
-        say(text)
-    with on_signals(stop, hangup="reload"):
-        warn_of(rooms, server.bound, encrypted, say)
-        feed = server.begin(shown.metrics, stack)
-        link = ""
-        if job.folder is not None:
-            link, server.administration.published = publish(
-                job.folder, shown.public, server.bound, rooms, encrypted, shown.links, say
-            )
-        if keeping is not None:
-            server.administration.more_degraded = lambda: keeping.degraded(job.record and job.runs is None)
-        names = [room.name for room in rooms]
-        _say_where(server.bound, encrypted, names, feed, say)
-        if shown.view:
-            _view(server.bound, link, names[0], shown.insecure, say, stack)
-        return server.run(seconds)
-
-
 def _say_where(
     bound: tuple[str, int], encrypted: bool, names: Sequence[str], feed: MetricsFeed | None, say: Say
 ) -> None:
@@ -332,20 +221,6 @@ def _view(bound: tuple[str, int], link: str, room: str, insecure: bool, say: Say
     """Show a room in the browser until `stack` is left."""
     shown = place_text((LOOPBACKS.get(bound[0], bound[0]), bound[1]))
     stack.enter_context(ViewChild(link or shown, say, room, insecure=insecure, waits=False))
-
-
-def _draw(
-    screen: LiveScreen, lines: LogLines, rooms: Sequence[Settings], recorded: Path | None, state: StateFolder | None
-) -> None:
-    """Show the rooms below the lines, at a terminal where people read them."""
-    if lines.form != "text" or not may_draw(make_console()):
-        return
-    if recorded is None:
-        lines.say("no live table without a recording")
-        return
-    lines.above = screen.passed
-    seats = {room.name: tuple(user.name for user in room.users) for room in rooms}
-    screen.draw(*drawing(ServeView(str(recorded), seats, str(state.path) if state else "")))
 
 
 def _encrypted(asked: bool, insecure: bool, host: str) -> bool:
@@ -381,19 +256,3 @@ def _host(host: str) -> str:
     if not bare or (colon and port.isdigit() and ":" not in name):
         raise BadInput(f"--host {host!r}: give an address of this machine alone; the port goes after --port")
     return bare
-
-
-def _conclude(
-    server: LiveServer, folders: dict[str, Path], losses: dict[str, int], lines: LogLines, *, alone: bool, report: bool
-) -> int:
-    """Leave a summary for each room, printed on standard error beside a log for programs. Return the exit code."""
-    programs = lines.form == "json"
-    console = make_console(soft_wrap=True, stderr=programs)
-    if lines.lost:
-        losses["log line"] = lines.lost
-    well = True
-    for room in server.core.rooms:
-        summary = of_room(room, server.elapsed_s, losses)
-        well = well and (succeeded(summary) or not came(summary))
-        leave_files(folders.get(room.name), summary, console, shown=alone and not programs, report=alone and report)
-    return 0 if well else 1

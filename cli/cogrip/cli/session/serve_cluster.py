@@ -2,7 +2,7 @@
 
 import re
 import socket
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from contextlib import ExitStack
 from ipaddress import ip_address
 from pathlib import Path
@@ -11,25 +11,24 @@ from typing import NamedTuple
 import msgspec
 
 from cogrip.cli.session.cluster_room import RoomJob
+from cogrip.cli.session.front_socket import front_socket, say_drops
 from cogrip.cli.session.log_lines import LogLines
 from cogrip.cli.session.served_rooms import is_loopback
 from cogrip.cli.session.server_state import front_channel_of, public_place
 from cogrip.cli.terminal.problem import BadInput, Problem
 from cogrip.machine.stop import Stop
 from cogrip.protocol.secure.channel import place_text
-from cogrip.protocol.settings.network_rate import RateChoice
 from cogrip.protocol.settings.sections import Settings
 from cogrip.protocol.version import VERSION
 from cogrip.server.hosting.administration import Administration
 from cogrip.server.hosting.cluster.connection import ClusterError, RemoteRooms
 from cogrip.server.hosting.cluster.front import ClusterFront
-from cogrip.server.hosting.workers.steering import open_public
-from cogrip.server.io.authenticator import TokenAuthenticator
+from cogrip.server.hosting.placement import Served
 from cogrip.server.io.control import Control
 from cogrip.server.io.loop import FLOOR_BYTES
-from cogrip.server.io.metrics_feed import MetricsError, MetricsFeed, open_metrics
-from cogrip.server.io.state_folder import StateError, StateFolder
-from cogrip.server.io.udp_socket import HostError, PortRange, ServeError, cannot_listen
+from cogrip.server.io.metrics_feed import MetricsFeed
+from cogrip.server.io.state_folder import StateError
+from cogrip.server.io.udp_socket import PortRange
 
 COMMAND = ("cogrip.cli.session.cluster_room",)
 PORTS = re.compile(r"(\d{1,5})-(\d{1,5})\Z")
@@ -37,27 +36,21 @@ MOST_PORT = 65535
 ADDRESS = re.compile(r"ray(?:://(?P<head>[^/]+:\d+))?\Z")
 
 
-class ClusterJob(NamedTuple):
-    """Parts and settings of a front of a cluster. address: of the head, "" for the cluster of this machine.
+class ClusterFlags(NamedTuple):
+    """Flags of a cluster.
 
+    head       address of its head, "" for the cluster of this machine
+    public     HOST or HOST:PORT by which people reach this front; None: guessed
     ports      range of the rooms' UDP ports, None for any
     in_memory  checkpoints are in the memory of two hosts
+    runs       folder in which each room makes a folder of its own
     """
 
-    rooms: Sequence[Settings]
-    address: str
-    host: str
-    port: int
+    head: str
     public: str | None
-    folder: StateFolder | None
-    authenticator: TokenAuthenticator | None
-    encrypted: bool
-    runs: Path
-    record: bool
-    report: bool
-    rates: dict[str, RateChoice]  # choice of the rate of each room that asked for "auto"
     ports: PortRange | None
     in_memory: bool
+    runs: Path
 
 
 def head_of(cluster: str) -> str:
@@ -81,57 +74,50 @@ def ports_of(given: str | None) -> PortRange | None:
 
 
 class ClusterServer:
-    """Front on this host: it binds when it is made, `begin` lets the cluster serve the rooms, `run` serves."""
+    """Placement of the rooms on the hosts of a cluster: a front listens here, `begin` lets the cluster serve the rooms."""
 
-    def __init__(self, job: ClusterJob, stop: Stop, lines: LogLines, stack: ExitStack) -> None:
-        self._job, self._stop, self._lines = job, stop, lines
-        if job.folder is None:
+    def __init__(self, served: Served, flags: ClusterFlags, stop: Stop, lines: LogLines, stack: ExitStack) -> None:
+        """Listen. Raises Problem."""
+        self._served, self._flags, self._stop, self._lines = served, flags, stop, lines
+        if served.folder is None:
             raise BadInput("serve --cluster: rooms that move need a folder for checkpoints; name one with --state")
-        self._folder = job.folder
-        with Problem.of(ServeError), BadInput.of(HostError):
-            try:
-                self._public = stack.enter_context(open_public(job.host, job.port))
-            except OSError as error:
-                raise cannot_listen(job.host, job.port, error) from None
+        self._folder = served.folder
+        self._public = front_socket(served, stack)
         self.bound: tuple[str, int] = self._public.getsockname()[:2]
 
-    def begin(self, metrics: int | None, stack: ExitStack) -> MetricsFeed | None:
+    def begin(self, feed: MetricsFeed | None, told: Mapping[str, Sequence[str]]) -> Administration:
         """Connect to the cluster, and hand the rooms over to it. Raises Problem."""
-        job, say = self._job, self._lines.say
-        loopback = is_loopback(job.host)
-        try:
-            guarded = job.encrypted and not loopback
-            self._pool = RemoteRooms(job.address, COMMAND, loopback, self._folder, guarded)
-            self._pool.begin(self._place(), {room.name: self._room_job(room, loopback) for room in job.rooms})
-            channel = front_channel_of(lambda address: False, job.rooms, job.folder if job.encrypted else None)
-            self._front = ClusterFront(self._public, job.rooms, self._pool, self._stop, say, channel, job.authenticator)
-            feed = None if metrics is None else open_metrics(metrics, say)
+        served, say = self._served, self._lines.say
+        loopback = is_loopback(served.host)
+        with Problem.of(ClusterError, StateError, where="serve: "):
+            guarded = served.encrypted and not loopback
+            self._pool = RemoteRooms(self._flags.head, COMMAND, loopback, self._folder, guarded)
+            self._pool.begin(self._place(), {room.name: self._room_job(room, loopback) for room in served.rooms})
+            channel = front_channel_of(lambda address: False, served.rooms, served.key_folder)
+            self._front = ClusterFront(
+                self._public, served.rooms, self._pool, self._stop, say, channel, served.authenticator
+            )
             control = Control(self._folder)
-        except (ClusterError, MetricsError, StateError) as error:
-            raise Problem(f"serve: {error}") from None
-        self.administration = Administration(
-            self._front, say, VERSION, control=control, authenticator=job.authenticator, metrics=feed,
+        self._administration = Administration(
+            self._front, say, VERSION, control=control, authenticator=served.authenticator, metrics=feed,
             reload=self._stop.take_reload, drain=self._pool.drain,
         )  # fmt: skip
-        return feed
+        return self._administration
 
     def run(self, seconds: float | None) -> int:
-        """Serve until stopped, at most for `seconds`. Return the exit code, of rooms that end with this front."""
-        self.administration.begin()
+        """See `Placement`. The exit code is that of the rooms that end with this front."""
         try:
             self._front.run(seconds)
         finally:
             code = self._pool.end(self._stop.reason)
-            self.administration.end()
+            self._administration.end()
         self._lines.say(self._stop.reason)
-        dropped = {name: count for name, count in sorted(self._front.drops().items()) if count}
-        if dropped:
-            self._lines.say(f"at the front: {', '.join(f'{name}: {count}' for name, count in dropped.items())}")
+        say_drops(self._front, self._lines.say)
         return code
 
     def _place(self) -> str:
         """Return HOST:PORT by which people reach this front, with an address."""
-        host, port = public_place(self._job.public, self.bound)
+        host, port = public_place(self._flags.public, self.bound)
         try:
             ip_address(host)
         except ValueError:
@@ -142,11 +128,12 @@ class ClusterServer:
         return place_text((host, port))
 
     def _room_job(self, room: Settings, loopback: bool) -> bytes:
-        job = self._job
+        served, flags = self._served, self._flags
         wildcard = "::" if ":" in self.bound[0] else "0.0.0.0"
         return msgspec.json.encode(
             RoomJob(
-                (room,), str(self._folder.shared), str(job.runs.absolute()), job.record, job.report, self._lines.form, True,
-                job.rates, FLOOR_BYTES, None, self.bound[0] if loopback else wildcard, job.encrypted, job.ports, job.in_memory,
+                (room,), str(self._folder.shared), str(flags.runs.absolute()), served.record, served.report, self._lines.form,
+                True, dict(served.rates), FLOOR_BYTES, None, self.bound[0] if loopback else wildcard, served.encrypted,
+                flags.ports, flags.in_memory,
             )
         )  # fmt: skip

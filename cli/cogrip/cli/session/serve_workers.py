@@ -4,70 +4,48 @@ import os
 import platform
 import subprocess
 import sys
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from contextlib import ExitStack, suppress
-from pathlib import Path
-from typing import NamedTuple
 
 import msgspec
 
+from cogrip.cli.session.front_socket import front_socket, say_drops
+from cogrip.cli.session.kept_runs import Keeping
 from cogrip.cli.session.log_lines import LogLines
 from cogrip.cli.session.server_state import front_channel_of
 from cogrip.cli.session.worker import Job
-from cogrip.cli.terminal.problem import BadInput, Problem
+from cogrip.cli.terminal.problem import Problem
 from cogrip.machine.platform import system
 from cogrip.machine.server_platform import memory_file
 from cogrip.machine.stop import Stop
 from cogrip.protocol.secure.channel import Address
-from cogrip.protocol.settings.network_rate import RateChoice
-from cogrip.protocol.settings.sections import Settings
 from cogrip.protocol.version import VERSION
 from cogrip.server.hosting.administration import Administration
+from cogrip.server.hosting.placement import Served
 from cogrip.server.hosting.workers.front import DYING, Front, FrontChannel, shares
 from cogrip.server.hosting.workers.pool import START_LIMIT_S, WorkerPool
-from cogrip.server.hosting.workers.steering import Steering, open_public, replaces_safely
-from cogrip.server.io.authenticator import TokenAuthenticator
+from cogrip.server.hosting.workers.steering import Steering, replaces_safely
 from cogrip.server.io.control import Control
-from cogrip.server.io.metrics_feed import MetricsError, MetricsFeed, open_metrics
-from cogrip.server.io.state_folder import StateError, StateFolder
-from cogrip.server.io.udp_socket import HostError, ServeError, cannot_listen
+from cogrip.server.io.metrics_feed import MetricsFeed
+from cogrip.server.io.state_folder import StateError
 
 ORPHANS_S = 1.0  # time for which workers of a front that was killed may still have the port
 
 
-class FrontJob(NamedTuple):
-    """Parts and settings of a front. runs: folder of this run."""
+class WorkerServer:
+    """Placement of the rooms in worker processes: a front listens, `begin` starts the workers, `run` waits for their end."""
 
-    rooms: Sequence[Settings]
-    workers: int
-    host: str
-    port: int
-    folder: StateFolder | None
-    authenticator: TokenAuthenticator | None
-    encrypted: bool
-    fresh: bool
-    runs: Path | None
-    record: bool
-    report: bool
-    rates: dict[str, RateChoice]  # choice of the rate of each room that asked for "auto"
-    floor_bytes: int  # bytes of a disk that recordings leave free
-    hand_over_s: float | None  # wait for the next server, as `LiveServer.hand_over_s`
-
-
-class FrontServer:
-    """Front with its workers: `open` binds and starts them, `run` serves, `end` waits for them."""
-
-    def __init__(self, job: FrontJob, stop: Stop, lines: LogLines, stack: ExitStack) -> None:
-        self._job, self._stop, self._lines = job, stop, lines
-        with Problem.of(ServeError), BadInput.of(HostError):
-            try:
-                self._public = stack.enter_context(open_public(job.host, job.port, ORPHANS_S))
-            except OSError as error:
-                raise cannot_listen(job.host, job.port, error) from None
+    def __init__(
+        self, served: Served, workers: int, keeping: Keeping, fresh: bool, hand_over_s: float | None, stop: Stop,
+        lines: LogLines, stack: ExitStack,
+    ) -> None:  # fmt: skip
+        """Listen. Raises Problem."""
+        self._served, self._keeping, self._hand_over_s = served, keeping, hand_over_s
+        self._stop, self._lines, self._stack = stop, lines, stack
+        self._public = front_socket(served, stack, ORPHANS_S)
         self.bound: tuple[str, int] = self._public.getsockname()[:2]
         self._job_file = -1
-        names = [room.name for room in job.rooms]
-        groups = shares(names, job.workers)
+        groups = shares([room.name for room in served.rooms], workers)
         self._steering: Steering | None = None
         with suppress(OSError):  # a kernel without such programs: then each path is a socket of its own
             if replaces_safely(platform.release()):
@@ -77,7 +55,7 @@ class FrontServer:
                 "each person gets a socket of the worker's: this kernel steers nobody, or not safely (docs/scaling.md)"
             )
         own = [each.fileno() for each in self._steering.own] if self._steering else []
-        self._pool = WorkerPool(groups, self._start, job.fresh, self._public.fileno(), own)
+        self._pool = WorkerPool(groups, self._start, fresh, self._public.fileno(), own)
 
     def _start(self, number: int, link_end: int) -> subprocess.Popen[bytes]:
         """Start a worker; what it says goes where this process says its own."""
@@ -89,62 +67,60 @@ class FrontServer:
                 stdin=subprocess.DEVNULL, env=environ, **system.own_session(*handles),
             )  # fmt: skip
 
-    def begin(self, metrics: int | None, stack: ExitStack) -> MetricsFeed | None:
+    def begin(self, feed: MetricsFeed | None, told: Mapping[str, Sequence[str]]) -> Administration:
         """Start the workers, and wait until they serve. Raises Problem."""
-        job, say = self._job, self._lines.say
+        served, say, keeping = self._served, self._lines.say, self._keeping
+        run_folder = keeping.begin(served.rooms, say, self._stack)
         for_workers = Job(
-            tuple(job.rooms), str(job.folder.path) if job.folder else "", str(job.runs or ""), job.record, job.report,
-            self._lines.form, metrics is not None, job.rates, job.floor_bytes, job.hand_over_s,
+            tuple(served.rooms), str(served.folder.path) if served.folder else "", str(run_folder or ""), served.record,
+            served.report, self._lines.form, feed is not None, dict(served.rates), keeping.floor_bytes, self._hand_over_s,
         )  # fmt: skip
+        authenticator = served.authenticator
         try:
             self._job_file = memory_file(msgspec.json.encode(for_workers))
-            stack.callback(os.close, self._job_file)
-            if job.authenticator is not None:  # before anybody resumes a restored seat
-                self._pool.void(job.authenticator.revoked(), job.authenticator.expired())
+            self._stack.callback(os.close, self._job_file)
+            if authenticator is not None:  # before anybody resumes a restored seat
+                self._pool.void(authenticator.revoked(), authenticator.expired())
             self._pool.begin()
-            stack.callback(self._kill)
+            self._stack.callback(self._kill)
             open_channel: Callable[[Callable[[Address], bool]], FrontChannel] = lambda asks: front_channel_of(  # noqa: E731
-                asks, job.rooms, job.folder if job.encrypted else None
+                asks, served.rooms, served.key_folder
             )
-            self.front = Front(
-                self._public, job.rooms, self._pool, self._stop, say, open_channel, job.authenticator, self._steering
+            self._front = Front(
+                self._public, served.rooms, self._pool, self._stop, say, open_channel, authenticator, self._steering
             )
-            feed = None if metrics is None else open_metrics(metrics, say)
-            control = Control(job.folder) if job.folder else None
-        except (MetricsError, StateError) as error:
+            control = Control(served.folder) if served.folder else None
+        except StateError as error:
             raise Problem(str(error)) from None
         except OSError as error:
             raise _not_started(error) from None
-        self.administration = Administration(
-            self.front, say, VERSION, control=control, authenticator=job.authenticator, metrics=feed,
+        self._administration = Administration(
+            self._front, say, VERSION, control=control, authenticator=authenticator, metrics=feed,
             reload=self._stop.take_reload,
         )  # fmt: skip
         try:
-            ready = self.front.await_ready(START_LIMIT_S)
+            ready = self._front.await_ready(START_LIMIT_S)
         except OSError as error:
             raise _not_started(error) from None
         if not ready and not self._stop.reason:
-            self.administration.end()
+            self._administration.end()
             how = (
                 "one of the workers ended as it began"
                 if self._pool.replaced
                 else f"the workers did not begin within {START_LIMIT_S:g} s"
             )
             raise Problem(f"serve: {how}; see what they said above")
-        return feed
+        return self._administration
 
     def run(self, seconds: float | None) -> int:
-        """Serve until stopped, at most for `seconds`. Return the exit code: the worst of the workers'."""
-        self.administration.begin()
+        """See `Placement`. The exit code is the worst of the workers'."""
         try:
-            self.front.run(seconds)
+            self._front.run(seconds)
         finally:
             codes = self._pool.end()
-            self.administration.end()
+            self._administration.end()
         self._lines.say(self._stop.reason)
-        dropped = {name: count for name, count in sorted(self.front.drops().items()) if count}
-        if dropped:
-            self._lines.say(f"at the front: {', '.join(f'{name}: {count}' for name, count in dropped.items())}")
+        say_drops(self._front, self._lines.say)
         return 1 if any(codes) or self._stop.reason == DYING else 0
 
     def _kill(self) -> None:

@@ -7,11 +7,9 @@ from dataclasses import dataclass, field
 
 from cogrip.machine.addition import add_integers
 from cogrip.server.events import ServerEvent
-from cogrip.server.hosting.cluster.connection import RemoteRoom
-from cogrip.server.hosting.cluster.front import ClusterFront
-from cogrip.server.hosting.link import Answered, Obey, Void
-from cogrip.server.hosting.workers.front import Front
-from cogrip.server.hosting.workers.pool import Worker
+from cogrip.server.hosting.link import Answered, Obey
+from cogrip.server.hosting.placement import Home
+from cogrip.server.hosting.public_socket import PublicSocket
 from cogrip.server.io.authenticator import READING, TokenAuthenticator
 from cogrip.server.io.control import (
     NO_CLUSTER,
@@ -39,7 +37,7 @@ ANSWER_NS = 4_000_000_000  # longest time that workers may take to answer: less 
 @dataclass(slots=True)
 class _Waiting:
     request: Request
-    asked: list[Worker | RemoteRoom]
+    asked: list[Home]
     until_ns: int
     answers: list[Answer] = field(default_factory=list)
 
@@ -51,7 +49,7 @@ class Administration:
     """
 
     def __init__(
-        self, front: Front | ClusterFront, say: Callable[[ServerEvent], None], software: str, *, control: Control | None,
+        self, front: PublicSocket, say: Callable[[ServerEvent], None], software: str, *, control: Control | None,
         authenticator: TokenAuthenticator | None, metrics: MetricsFeed | None, reload: Callable[[], bool],
         drain: Callable[[str], tuple[str, bool]] = lambda host: (NO_CLUSTER, False),
     ) -> None:  # fmt: skip
@@ -121,10 +119,7 @@ class Administration:
             return
         expired, revoked = self._authenticator.expired(), self._authenticator.revoked()
         if expired or revoked:
-            self._front.pool.void(revoked, expired)
-            for worker in self._front.pool.workers:
-                if worker.rooms:
-                    worker.link.send(Void(tuple(sorted(revoked)), tuple(sorted(expired))))
+            self._front.homes.void(revoked, expired)
 
     def _reload(self) -> tuple[str, bool]:
         if self._authenticator is None:
@@ -143,7 +138,7 @@ class Administration:
         order = request.order
         if isinstance(order, Reload):
             text, ok = self._reload()
-            if not (ok and self._authenticator and isinstance(self._front, ClusterFront) and self._front.pool.homes):
+            if not (ok and self._authenticator and self._front.homes.rereads):
                 self._control.answer(request, text, ok=ok)
                 return  # else each room has to read them, and to end who came in by them
         if isinstance(order, Drain):
@@ -152,14 +147,14 @@ class Administration:
             return
         room = "" if isinstance(order, Status | Reload) else order.room
         if isinstance(order, SetHand) and not room:
-            homes = sorted({each.room for each in self._front.seated.values() if each.user == order.user})
-            if len(homes) > 1:
+            seats = sorted(self._front.rooms_of(order.user))
+            if len(seats) > 1:
                 text = f"{order.user!r} is seated in several rooms; name one by --room"
                 self._control.answer(request, text, ok=False)
                 return
-            room = homes[0] if homes else ""
-        ready: list[Worker | RemoteRoom] = [worker for worker in self._front.pool.workers if worker.state == "ready"]
-        home = self._front.pool.home(room) if room else None
+            room = seats[0] if seats else ""
+        ready = [worker for worker in self._front.homes.workers if worker.state == "ready"]
+        home = self._front.homes.home(room) if room else None
         asked = [home] if home is not None else ready
         self._number += 1
         self._waiting[self._number] = _Waiting(request, asked, now_ns + ANSWER_NS)
@@ -182,13 +177,13 @@ class Administration:
 
     def _snapshot(self, now_ns: int) -> Snapshot:
         """Return one of all workers: their rooms side by side, their counts summed."""
-        unknown = self._front.pool.unknown
-        known = () if unknown else self._front.pool.workers  # an old snapshot would say that no room ticks
+        unknown = self._front.homes.unknown
+        known = () if unknown else self._front.homes.workers  # an old snapshot would say that no room ticks
         parts = [worker.snapshot for worker in known if worker.snapshot is not None]
         dropped = Counter(self._front.drops())
         for part in parts:
             dropped.update(part.dropped)
-        replaced = self._front.pool.replaced
+        replaced = self._front.homes.replaced
         failed = Counter({"worker replaced": replaced} if replaced else {})
         degraded = {
             "tokens": self._authenticator.not_written if self._authenticator is not None else "",

@@ -1,13 +1,15 @@
-"""Public port of a server whose rooms other processes serve: the channel to unauthenticated peers, and what it drops."""
+"""Public socket of a server whose rooms other processes serve: the channel to unauthenticated peers, and what it drops."""
 
 import selectors
 import socket
 import time
 from collections import Counter, deque
 from collections.abc import Callable, Sequence, Set
+from contextlib import suppress
 from typing import Protocol
 
 from cogrip.machine.arrivals import Arrivals
+from cogrip.machine.receive_buffer import OVERRUN, overrun
 from cogrip.machine.stop import Stop
 from cogrip.protocol.secure.channel import Address, Channel, place_text
 from cogrip.protocol.settings.sections import Settings
@@ -15,7 +17,8 @@ from cogrip.protocol.wire.messages import MAX_DATAGRAM_BYTES, Hello
 from cogrip.protocol.wire.session import SECONDS_OVER, refusal
 from cogrip.server.admission import AdmitAll, Authenticator, Denied, Grant
 from cogrip.server.events import UNAUTHENTICATED_EVENTS, ServerEvent
-from cogrip.server.hosting.link import PeerAddress
+from cogrip.server.hosting.link import Answered, PeerAddress
+from cogrip.server.hosting.placement import Homes
 from cogrip.server.rate_limit import Buckets, Budget
 
 POLL_EVERY_NS = 50_000_000
@@ -31,14 +34,22 @@ class FrontChannel(Channel, Protocol):
 
 
 class PublicSocket:
-    """Port of some rooms. chores: called some 20 times a second with the time [ns]."""
+    """Front of some rooms, wherever they run.
+
+    homes     processes that serve them
+    chores    called some 20 times a second with the time [ns]
+    answered  called with the number of an order and its answer; revoke: with the id of a token that a room revokes
+    """
 
     def __init__(
-        self, public: socket.socket, rooms: Sequence[Settings], stop: Stop, say: Callable[[ServerEvent], None],
+        self, public: socket.socket, rooms: Sequence[Settings], homes: Homes, stop: Stop, say: Callable[[ServerEvent], None],
         channel: FrontChannel, authenticator: "Authenticator | None" = None,
     ) -> None:  # fmt: skip
         self.rooms = {room.name: room for room in rooms}
+        self.homes = homes
         self.chores: list[Callable[[int], None]] = []
+        self.answered: Callable[[Answered], None] = lambda answer: None
+        self.revoke: Callable[[str], None] = lambda token: None
         self.dropped: Counter[str] = Counter()
         self.received = 0
         self.sent = 0
@@ -49,6 +60,17 @@ class PublicSocket:
         self._selector.register(public, selectors.EVENT_READ)
         self._budget = Buckets(len(UNAUTHENTICATED_EVENTS), REPORTED)
         self._poll_ns = 0
+
+    def drops(self) -> dict[str, int]:
+        """Return the drop counts by reason: of kernel, channel and front."""
+        counts = self.dropped + Counter(self._channel.dropped)
+        with suppress(OSError):
+            counts += Counter({OVERRUN: overrun(self._public)})
+        return dict(counts)
+
+    def rooms_of(self, user: str) -> set[str]:
+        """Return the rooms where this person has a seat."""
+        raise NotImplementedError
 
     def run(self, seconds: float | None = None) -> None:
         """Serve until stopped, at most for `seconds`."""

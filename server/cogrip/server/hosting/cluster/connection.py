@@ -36,7 +36,7 @@ from cogrip.server.hosting.cluster.pipe import (
     State,
 )
 from cogrip.server.hosting.cluster.ray_process import CALL_S, END_S, RayFront
-from cogrip.server.hosting.link import Answered, Obey, Void
+from cogrip.server.hosting.link import Answered, Obey
 from cogrip.server.io.control import Answer
 from cogrip.server.io.state_folder import StateFolder
 from cogrip.server.snapshot import Snapshot, decode
@@ -59,15 +59,14 @@ class RemoteLink:
     def __init__(self, order: Callable[[Obey], None]) -> None:
         self._order = order
 
-    def send(self, message: Obey | Void) -> None:
-        """Hand an order on. What is void by now every room reads in the shared tokens itself."""
-        if isinstance(message, Obey):
-            self._order(message)
+    def send(self, message: Obey) -> None:
+        """Hand an order on."""
+        self._order(message)
 
 
 @dataclass(slots=True)
 class RemoteRoom:
-    """A room on some host, as `Administration` sees a worker."""
+    """A room on some host, as `Administration` sees it."""
 
     rooms: tuple[str, ...]
     link: RemoteLink
@@ -130,6 +129,11 @@ class RemoteRooms:
             raise
 
     @property
+    def rereads(self) -> bool:
+        """Return whether there are rooms: each reads the shared tokens by itself."""
+        return bool(self.homes)
+
+    @property
     def unknown(self) -> str:
         """Return why what is known of the rooms is old; "" where it is not."""
         return SILENCE if time.monotonic() - self._answered_s > UNKNOWN_S else ""
@@ -150,7 +154,7 @@ class RemoteRooms:
         """Return a room; None while nobody serves it."""
         return next((each for each in self.workers if room in each.rooms), None)
 
-    def void(self, revoked: Iterable[str], expired: Iterable[str]) -> None:
+    def void(self, revoked: set[str], expired: set[str]) -> None:
         """Do nothing: every room reads the shared tokens."""
 
     def answers(self) -> list[Answered]:

@@ -1,12 +1,9 @@
-"""Front of a cluster on one host: it has a public port and the tokens, and redirects each hello to the host of its room."""
+"""Front of a cluster on one host: it has a public socket and the tokens, and redirects each hello to the host of its room."""
 
 import socket
 from collections import Counter
 from collections.abc import Callable, Sequence
-from contextlib import suppress
-from typing import NamedTuple
 
-from cogrip.machine.receive_buffer import OVERRUN, overrun
 from cogrip.machine.stop import Stop
 from cogrip.protocol.secure.channel import Address
 from cogrip.protocol.settings.sections import Settings
@@ -17,41 +14,28 @@ from cogrip.server.admission import Authenticator, Denied
 from cogrip.server.events import ServerEvent
 from cogrip.server.hosting.cluster.connection import RemoteRooms
 from cogrip.server.hosting.cluster.directory import taken_seats
-from cogrip.server.hosting.link import Answered, PeerAddress
+from cogrip.server.hosting.link import PeerAddress
 from cogrip.server.hosting.public_socket import FrontChannel, PublicSocket
 
 
-class Taken(NamedTuple):
-    """A seat that somebody has."""
-
-    room: str
-    user: str
-
-
 class ClusterFront(PublicSocket):
-    """Front of some rooms. pool: where they are. place: HOST:PORT of this front; answered: takes answers to orders."""
+    """Front of rooms on the hosts of a cluster. pool: where they are."""
 
     def __init__(
         self, public: socket.socket, rooms: Sequence[Settings], pool: RemoteRooms, stop: Stop,
         say: Callable[[ServerEvent], None], channel: FrontChannel, authenticator: Authenticator | None = None,
     ) -> None:  # fmt: skip
-        super().__init__(public, rooms, stop, say, channel, authenticator)
+        super().__init__(public, rooms, pool, stop, say, channel, authenticator)
         self.pool = pool
-        self.answered: Callable[[Answered], None] = lambda answer: None
-        self.revoke: Callable[[str], None] = lambda token: None  # each room revokes in the shared file
         self._told: dict[str, str] = {}
 
-    @property
-    def seated(self) -> dict[int, Taken]:
-        """Return the seats that are taken, as the rooms reported them last."""
-        return dict(enumerate(Taken(*each) for each in taken_seats(self.pool.homes)))
+    def rooms_of(self, user: str) -> set[str]:
+        """Return the rooms where this person has a seat, as the rooms reported last."""
+        return {room for room, name in taken_seats(self.pool.homes) if name == user}
 
     def drops(self) -> dict[str, int]:
-        """Return the drop counts by reason."""
-        counts = self.dropped + Counter(self._channel.dropped) + Counter(self.pool.counts)
-        with suppress(OSError):
-            counts += Counter({OVERRUN: overrun(self._public)})
-        return dict(counts)
+        """Return the drop counts by reason, those of the cluster among them."""
+        return dict(Counter(super().drops()) + Counter(self.pool.counts))
 
     def _poll(self, now_ns: int) -> None:
         self.pool.poll(now_ns * 1e-9)

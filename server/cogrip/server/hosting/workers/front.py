@@ -1,4 +1,4 @@
-"""Front process of a server with several workers: it has the public port and the tokens, and no room.
+"""Front process of a server with several workers: it has the public socket and the tokens, and no room.
 
     datagram of an unknown peer --handshake--> message --hello: verdict, room--> its worker --welcome--> a path of its own
     datagram of a seated peer: the kernel gives it to the worker; one that is here already goes after it as a stray
@@ -12,10 +12,8 @@ import socket
 import time
 from collections import Counter, deque
 from collections.abc import Callable, Sequence
-from contextlib import suppress
 from typing import NamedTuple
 
-from cogrip.machine.receive_buffer import OVERRUN, overrun
 from cogrip.machine.stop import Stop
 from cogrip.protocol.io.dtls_session import SessionKeys
 from cogrip.protocol.secure.channel import Address
@@ -78,8 +76,7 @@ class Waiting(NamedTuple):
 class Front(PublicSocket):
     """Front of some rooms. open_channel: returns the channel, given what says whether an address has a path or has asked.
 
-    seated    peers with a path
-    answered  called with the number of an order and its answer; measured: with a worker's new snapshot
+    seated: peers with a path
     """
 
     def __init__(
@@ -91,24 +88,24 @@ class Front(PublicSocket):
         self._asking: dict[Address, tuple[Worker, str, int]] = {}  # worker, token and when, of hellos without an answer
         self._waiting: dict[PeerAddress, Waiting] = {}  # newest of each address, in their order
         channel = open_channel(lambda address: address in self._asking)
-        super().__init__(public, rooms, stop, say, channel, authenticator)
+        super().__init__(public, rooms, pool, stop, say, channel, authenticator)
         self.pool = pool
         self._steering = steering
         self.seated: dict[Address, Seated] = {}
-        self.answered: Callable[[Answered], None] = lambda answer: None
-        self.revoke: Callable[[str], None] = lambda token: None
         self._deaths: deque[int] = deque(maxlen=MOST_DEATHS)
         for worker in pool.workers:
             self._watch(worker)
 
     def drops(self) -> dict[str, int]:
         """Return the drop counts by reason: of kernel, channel, links and front."""
-        counts = self.dropped + Counter(self._channel.dropped)
+        counts = Counter(super().drops())
         for worker in self.pool.workers:
             counts += worker.link.dropped
-        with suppress(OSError):
-            counts += Counter({OVERRUN: overrun(self._public)})
         return dict(counts)
+
+    def rooms_of(self, user: str) -> set[str]:
+        """Return the rooms where this person has a seat."""
+        return {each.room for each in self.seated.values() if each.user == user}
 
     def await_ready(self, limit_s: float) -> bool:
         """Return whether all workers serve their rooms within this time; then start the spare. Raises OSError.

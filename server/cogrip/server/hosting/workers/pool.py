@@ -10,7 +10,7 @@ from dataclasses import dataclass
 from typing import Literal
 
 from cogrip.machine.server_platform import message_pair
-from cogrip.server.hosting.link import Assign, Link
+from cogrip.server.hosting.link import Assign, Link, Void
 from cogrip.server.snapshot import Snapshot
 
 START_LIMIT_S = 30.0
@@ -41,8 +41,10 @@ class WorkerPool:
 
     workers  those that are alive, the spare among them
     replaced count of workers that died
-    unknown  why what is known of the rooms is old; "" where it is not
     """
+
+    unknown = ""  # nothing that is known of the rooms is old: the links are local
+    rereads = False  # the front reads the tokens for all
 
     def __init__(
         self, groups: Sequence[Sequence[str]], start: Start, fresh: bool, public: int | None = None,
@@ -52,7 +54,6 @@ class WorkerPool:
 
         own: of sockets that peers are steered to, one for each group
         """
-        self.unknown = ""  # all is known of workers: their links are local
         self.workers: list[Worker] = []
         self.replaced = 0
         self._start = start
@@ -94,9 +95,12 @@ class WorkerPool:
         worker.link.send(Assign(rooms, fresh, tuple(sorted(revoked)), tuple(sorted(expired)), own), sockets)
 
     def void(self, revoked: set[str], expired: set[str]) -> None:
-        """Note void tokens, of which a worker that is assigned later must know."""
+        """Tell the workers of void tokens, those that are assigned later as well."""
         self._voided[0].update(revoked)
         self._voided[1].update(expired)
+        for worker in self.workers:
+            if worker.rooms:
+                worker.link.send(Void(tuple(sorted(revoked)), tuple(sorted(expired))))
 
     def home(self, room: str) -> Worker | None:
         """Return the worker that serves a room; None while none does."""
