@@ -26,7 +26,7 @@ NOT_QUICK = {  # modules in these folders that start processes, simulate whole s
     "test_arm_driver",
     "test_arm_identification", "test_arm_kinematics", "test_arm_records", "test_arm_weight", "test_certificate",
     "test_checkpoint_file", "test_device_conformance", "test_forcedimension", "test_haply_guard", "test_haply_hapi",
-    "test_hid_port", "test_hostile_server", "test_lying_devices", "test_old_samples", "test_openhaptics_servo",
+    "test_hid_line", "test_hostile_server", "test_lying_devices", "test_old_samples", "test_openhaptics_servo",
     "test_pseudo_terminal", "test_recorded_client_plays_again", "test_recorded_server_plays_again", "test_recorder",
     "test_recording_file", "test_recording_process", "test_recover", "test_replayed_motion",
     "test_report_socket", "test_ring", "test_state_folder", "test_stop", "test_token_file", "test_vendor_devices",

@@ -10,10 +10,10 @@ from cogrip.protocol.line.sender import LineSender
 from cogrip.protocol.recording.header import Header, versions_here
 from cogrip.protocol.recording.reader import open_recording
 from cogrip.protocol.recording.records import Gap, kind_of
-from cogrip.protocol.recording.sink import Held, encode
+from cogrip.protocol.recording.sink import HeldSink, encode
 from cogrip.protocol.wire import messages
 from cogrip.protocol.wire.messages import Heartbeat, Power, Stamp, State, Waves
-from cogrip.results.replay.verify import Verdict, verify
+from cogrip.results.replay.verify import ReplayVerdict, verify
 from cogrip.server.recorder import RecordedServer
 
 from tests.recording_files import written
@@ -33,7 +33,7 @@ class RecordedEnd:
     def __init__(self, core: RecordedClient | RecordedServer, topics: tuple[str, ...]) -> None:
         self.core = core
         self.topics = topics
-        self.held = Held()
+        self.held = HeldSink()
         core.record(self.held)
 
     @property
@@ -48,7 +48,7 @@ class RecordedEnd:
         """Return the places of messages of these kinds."""
         return [at for at, (topic, *_) in enumerate(self.noted) if kind_of(self.topics[topic]) in kinds]
 
-    def verdict(self, noted: Sequence[Put] | None = None, closed: bool = True) -> Verdict:
+    def verdict(self, noted: Sequence[Put] | None = None, closed: bool = True) -> ReplayVerdict:
         """Write `noted` (else all that was noted) to a file, and verify that."""
         header = Header(self.role, self.who, self.core.start, self.rate_hz, 1, 5, True, versions_here(), self.topics)
         with tempfile.TemporaryDirectory() as folder:
@@ -58,7 +58,7 @@ class RecordedEnd:
                     writer.put(*message)
             return verify(open_recording(path))
 
-    def altered(self, at: int, payload: bytes, time_ns: int | None = None) -> Verdict:
+    def altered(self, at: int, payload: bytes, time_ns: int | None = None) -> ReplayVerdict:
         """With another payload, or at another time."""
         topic, now_ns, _ = self.noted[at]
         new = (topic, now_ns if time_ns is None else time_ns, payload)
@@ -84,7 +84,7 @@ class RecordedEnd:
 # What holds for every recording ---------------------------------------------------------------------------------------
 
 
-def the_beginning_is_exact(end: RecordedEnd, length: int) -> Verdict:
+def the_beginning_is_exact(end: RecordedEnd, length: int) -> ReplayVerdict:
     """A chunk may end between any two messages: between what a tick sent and the tick itself, too."""
     verdict = end.verdict(end.noted[:length], closed=False)
     assert verdict.difference is None, (length, verdict.difference)
@@ -93,7 +93,7 @@ def the_beginning_is_exact(end: RecordedEnd, length: int) -> Verdict:
     return verdict
 
 
-def nothing_is_judged_after_a_gap(end: RecordedEnd, at: int) -> Verdict:
+def nothing_is_judged_after_a_gap(end: RecordedEnd, at: int) -> ReplayVerdict:
     """Three messages from `at` on were not recorded."""
     gap = Gap(3, "the ring was full")
     topic = next(number for number, name in enumerate(end.topics) if kind_of(name) == "gap")

@@ -8,11 +8,11 @@ import msgspec
 
 from cogrip.protocol.recording.derived import DERIVED
 from cogrip.protocol.recording.header import Header
-from cogrip.protocol.recording.reader import Message, open_recording
+from cogrip.protocol.recording.reader import RecordedMessage, open_recording
 from cogrip.protocol.recording.records import kind_of
 from cogrip.protocol.recording.writer import RecordingWriter
 
-Alter = Callable[[str, Message], bytes | None]
+Alter = Callable[[str, RecordedMessage], bytes | None]
 """The payload for a message of this kind; None leaves the message out."""
 
 
@@ -28,7 +28,7 @@ def written(path: Path, header: Header, closed: bool = True) -> Iterator[Recordi
             writer.flush()
 
 
-def same(kind: str, message: Message) -> bytes | None:
+def same(kind: str, message: RecordedMessage) -> bytes | None:
     return message.payload
 
 

@@ -31,10 +31,10 @@ import os, pty, tty
 from cogrip.devices.haply.family import goodbye
 from cogrip.devices.haply.frames import HaplyCodec
 from cogrip.devices.haply.models import MODELS
-from cogrip.devices.io.guarded_port import GuardedPort
+from cogrip.devices.io.guarded_line import GuardedLine
 keep, end = pty.openpty()
 tty.setraw(end)
-port = GuardedPort(os.ttyname(end), "haply", lambda: goodbye(HaplyCodec(MODELS["2diy"].wiring, 1)))
+port = GuardedLine(os.ttyname(end), "haply", lambda: goodbye(HaplyCodec(MODELS["2diy"].wiring, 1)))
 port.open()
 port.close()
 print("guarded")

@@ -16,7 +16,7 @@ ASKING = re.compile(r"\bsys\.platform\b|\bos\.name\b|platform\.system\(")
 ASKS = {  # modules that may ask which system this is
     "machine/cogrip/machine/posix.py", "machine/cogrip/machine/windows.py", "machine/cogrip/machine/platform.py",
     "machine/cogrip/machine/realtime.py", "machine/cogrip/machine/punctuality.py",  # Linux's measures
-    "devices/cogrip/devices/io/platform.py", "devices/cogrip/devices/io/port_names.py",
+    "devices/cogrip/devices/io/platform.py", "devices/cogrip/devices/io/line_names.py",
     "machine/cogrip/machine/server_platform.py", "view/cogrip/view/io/platform.py",
     "cli/cogrip/cli/terminal/platform.py", "cli/cogrip/cli/terminal/screen.py", "cli/cogrip/cli/terminal/live_screen.py",
     "server/cogrip/server/io/state_folder.py",  # in a message
@@ -185,7 +185,7 @@ def test_examples_of_devices_have_names_as_the_system_has_them() -> None:
         "import sys\n"
         "from cogrip.devices.registry import describe, families\n"
         "sys.platform = sys.argv[1]\n"
-        "import cogrip.devices.io.port_names\n"
+        "import cogrip.devices.io.line_names\n"
         "sys.platform = 'linux'\n"
         "print(*[each.address for each in describe(axes=3)], *families().values(), sep='\\n')"
     )

@@ -9,7 +9,7 @@ import re
 from collections.abc import Mapping, Sequence
 from math import isfinite
 
-from cogrip.devices.arm.exchange import Exchange, Port, Reading, meet
+from cogrip.devices.arm.exchange import ByteLine, Reading, RequestExchange, meet
 from cogrip.devices.device import Capability, Device, DeviceError, Sample, check_rate
 from cogrip.devices.registry import Family
 from cogrip.devices.settings import Address, Setting
@@ -48,9 +48,9 @@ class WheelCodec:
 class Wheel:
     """A `Device`: making it opens nothing, and every error leaves zero force."""
 
-    def __init__(self, port: Port) -> None:
+    def __init__(self, port: ByteLine) -> None:
         self.capability = RECORD
-        self._exchange = Exchange(port, WheelCodec())
+        self._exchange = RequestExchange(port, WheelCodec())
         self._open = False
         self._tick = 0
 
@@ -99,7 +99,7 @@ class Wheel:
 
 
 class EmulatedWheel:
-    """A `Port` with the firmware of a wheel that turns freely: mass and a little friction, a step a request."""
+    """A `ByteLine` with the firmware of a wheel that turns freely: mass and a little friction, a step a request."""
 
     def __init__(self) -> None:
         self.name, self.counts = "wheel:emulated", dict[str, int]()
@@ -127,9 +127,9 @@ class EmulatedWheel:
 def make(address: Address, axes: int, defaults: Mapping[str, Setting]) -> Device:
     if address.name == "emulated":
         return Wheel(EmulatedWheel())
-    from cogrip.devices.io.serial_port import SerialPort
+    from cogrip.devices.io.serial_line import SerialLine
 
-    return Wheel(SerialPort(address.name, "wheel"))
+    return Wheel(SerialLine(address.name, "wheel"))
 
 
 def family() -> Family:

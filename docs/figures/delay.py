@@ -16,7 +16,7 @@ from typing import Any, NamedTuple
 import msgspec
 
 from cogrip.analysis.felt_probe import measure_felt
-from cogrip.analysis.figures.page import Page, Table, save_page
+from cogrip.analysis.figures.page import FigurePage, FigureTable, save_page
 from cogrip.cli.settings.settings_file import load
 from cogrip.cli.settings.shipped_settings import shipped
 from cogrip.experiments.methods.case import run_session
@@ -66,7 +66,7 @@ def measure(method: str, round_trip_ms: float) -> Point:
     return Point(method, round_trip_ms, felt[0].felt_npm if felt else None, error)
 
 
-def draw(points: list[Point]) -> Page:
+def draw(points: list[Point]) -> FigurePage:
     """Draw felt stiffness and force error over the round trip."""
     sheet = Sheet(1, 2, row_in=3.4, widths=(1.0, 1.0))
     left, right = sheet.panels[0]
@@ -97,7 +97,7 @@ def draw(points: list[Point]) -> Page:
     title(right, "force error, two hands move a cube [N]")
     figure = sheet.finish("round trip of the link [ms]", ["", ""], legend)
     caption = "The stiffness felt at rest on a wall, and the error of the force on two hands that move one cube."
-    return Page("delay", "What delay does", caption, figure, Table(Point._fields, points))
+    return FigurePage("delay", "What delay does", caption, figure, FigureTable(Point._fields, points))
 
 
 def main(folder: Path) -> None:

@@ -16,7 +16,7 @@ from hypothesis import strategies as st
 from numpy.typing import NDArray
 
 from cogrip.analysis.lifted_model import LiftedModel
-from cogrip.analysis.linear_session import ModelError, Person, linear_session, rounding_notes, scheme_overrides
+from cogrip.analysis.linear_session import LinearPerson, ModelError, linear_session, rounding_notes, scheme_overrides
 from cogrip.analysis.stability import verdict
 from cogrip.client.coupling.virtual_coupling import VirtualCoupling
 from cogrip.client.coupling.wave_coupling import WaveCoupling
@@ -50,7 +50,7 @@ def axes(row: list[float]) -> list[float]:
 class Device:
     """A client's device and its samples at the start of a frame: `state`, in the order of the blocks' states."""
 
-    def __init__(self, plant: IdealPlant, person: Person, state: Array, rates: Rates) -> None:
+    def __init__(self, plant: IdealPlant, person: LinearPerson, state: Array, rates: Rates) -> None:
         late = person.latency_ticks
         self.plant, self.person, self.rates = plant, person, rates
         own = 3 + late if person.observes else 2 if person.estimated else late
@@ -127,21 +127,21 @@ class CoresFrame:
                 state[self.layout.server.start + number] = side * TOUCH_M
         return state
 
-    def device(self, person: Person, state: Array) -> Device:
+    def device(self, person: LinearPerson, state: Array) -> Device:
         settings = IdealSettings(mass_kg=person.device_mass_kg, damping_nspm=person.device_damping_nspm)
         plant = IdealPlant(settings, 1)
         plant.open(self.rates.device_hz, person.hand_stiffness_npm, person.hand_damping_nspm, (state[0],))
         plant.velocity_mps = [state[1]]
         return Device(plant, person, state, self.rates)
 
-    def push(self, person: Person, client: WaveCoupling | VirtualCoupling) -> float:
+    def push(self, person: LinearPerson, client: WaveCoupling | VirtualCoupling) -> float:
         """Return the force that holds a device deep inside a wall, which pushes back at the device's own rate."""
         if not self.deep or isinstance(client, WaveCoupling):
             return 0.0
         side = self.sides[self.session.people.index(person)]
         return side * TOUCH_M * (person.stiffness_npm + person.hand_stiffness_npm)
 
-    def run_ticks(self, client: WaveCoupling | VirtualCoupling, person: Person, device: Device) -> float:
+    def run_ticks(self, client: WaveCoupling | VirtualCoupling, person: LinearPerson, device: Device) -> float:
         """Run M ticks in the order of `ClientCore`; return the wave sent."""
         held, sent = self.push(person, client), 0.0
         for tick in range(self.ticks):
@@ -333,7 +333,7 @@ def sessions(draw: st.DrawFn) -> tuple[Settings, LiftedModel]:
     return resolved, LiftedModel(session)
 
 
-def _tame(person: Person, tick_s: float) -> bool:
+def _tame(person: LinearPerson, tick_s: float) -> bool:
     stiff = (person.stiffness_npm + person.hand_stiffness_npm) * tick_s**2
     jump = person.damping_nspm * 0.25 * NUDGE / tick_s  # of the damper, by an estimated position that is off by a nudge
     touches = not person.estimated or jump < 0.5 * person.stiffness_npm * TOUCH_M

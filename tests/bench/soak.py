@@ -17,7 +17,7 @@ from rich.table import Table
 
 from cogrip.cli.runs.run_folder import new_run_folder
 from cogrip.cli.runs.summary_table import terminal_summary
-from cogrip.cli.session.children import end_all, how_ended, listening_port, start_child
+from cogrip.cli.session.children import end_all, how_ended, listening_at, start_child
 from cogrip.cli.settings.settings_file import load
 from cogrip.cli.settings.shipped_settings import shipped
 from cogrip.cli.terminal.output import Json, make_console, write_json
@@ -93,11 +93,11 @@ def _run(
     growths: dict[str, Growth] = {}
     failed: list[str] = []
     try:
-        port = listening_port("server", children["server"], logs["server"], stop)
+        port = listening_at("server", children["server"], logs["server"], stop)
         relay = ["relay", "--listen", f"{HOST}:0", "--to", f"{HOST}:{port}", "--profile", profile]
         relay += ["--seed", str(settings.seed), "--seconds", long, "--json", str(folder / "relay.json")]
         children["relay"] = start_child(logs["relay"], relay)
-        port = listening_port("relay", children["relay"], logs["relay"], stop)
+        port = listening_at("relay", children["relay"], logs["relay"], stop)
         for user in settings.users:
             join = ["join", f"{HOST}:{port}", "--config", file, "--name", user.name]
             join += ["--seconds", str(settings.seconds), "--into", str(folder)]

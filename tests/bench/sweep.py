@@ -8,7 +8,7 @@ from cogrip.cli.settings.settings_file import load
 from cogrip.cli.settings.shipped_settings import shipped
 from cogrip.cli.terminal.output import make_console
 from cogrip.cli.terminal.problem import BadInput
-from cogrip.experiments.sweep.query import Job, measure_case
+from cogrip.experiments.sweep.query import SweepJob, measure_case
 from cogrip.experiments.worker_pool import LocalWorkers
 
 COLUMNS = ("passive", "users.0.peak_force_n")
@@ -32,7 +32,7 @@ def bench_sweep(*, cells: int = 400, seconds: float = 5.0, jobs: int = 2) -> int
         raise BadInput(f"bench sweep needs at least {_BLOCKS} cases and 2 jobs")
     console = make_console()
     base = msgspec.to_builtins(load(shipped("demo"), [f"seconds={seconds}"]))
-    all_jobs = [Job(case, base, {"coupling.stiffness_npm": 200.0 + 2.0 * case}, COLUMNS) for case in range(cells)]
+    all_jobs = [SweepJob(case, base, {"coupling.stiffness_npm": 200.0 + 2.0 * case}, COLUMNS) for case in range(cells)]
     blocks = [all_jobs[start::_BLOCKS] for start in range(_BLOCKS)]
     spent = {1: 0.0, jobs: 0.0}
     answers = {}

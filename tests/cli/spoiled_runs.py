@@ -7,7 +7,7 @@ from pathlib import Path
 import msgspec
 from mcap.reader import make_reader
 
-from cogrip.protocol.recording.reader import Message
+from cogrip.protocol.recording.reader import RecordedMessage
 from cogrip.protocol.recording.records import Tick
 from cogrip.protocol.recording.sink import encode
 
@@ -26,7 +26,7 @@ def until(last_ns: int) -> Alter:
 def tick(number: int, change: Callable[[Tick], Tick]) -> Alter:
     """Change one tick."""
 
-    def alter(kind: str, message: Message) -> bytes | None:
+    def alter(kind: str, message: RecordedMessage) -> bytes | None:
         if kind == "tick":
             record = msgspec.json.decode(message.payload, type=Tick)
             if record.tick == number:

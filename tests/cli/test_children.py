@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from cogrip.cli.session.children import how_ended, listening_port, stated_reason
+from cogrip.cli.session.children import how_ended, listening_at, stated_reason
 from cogrip.cli.terminal.problem import Problem
 from cogrip.machine.stop import Stop
 
@@ -88,4 +88,4 @@ def test_a_server_that_did_not_start_is_a_problem_of_one_line(tmp_path: Path) ->
     child.wait(60.0)
     words = f"the server did not start: cannot listen on 127.0.0.1:9: taken (exit code 1) (see {log})"
     with pytest.raises(Problem, match=re.escape(words)):
-        listening_port("server", child, log, Stop())
+        listening_at("server", child, log, Stop())

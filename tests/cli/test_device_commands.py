@@ -23,10 +23,10 @@ from cogrip.devices.io.plugged_in import (
     TEENSY_SERIAL,
     PluggedIn,
     hid_devices,
-    serial_ports,
+    plugged_in_lines,
     stable_names,
 )
-from cogrip.devices.io.serial_port import SerialPort
+from cogrip.devices.io.serial_line import SerialLine
 from cogrip.devices.registry import describe, is_real, make, schemes
 
 CONFIGS = Path(__file__).resolve().parents[2] / "configs"
@@ -51,18 +51,18 @@ def port(device, vid=None, pid=None, product=None, serial_number=None):
 def test_a_teensy_is_named_by_the_link_that_stays():
     ports = [port("/dev/ttyACM0", *TEENSY_SERIAL, "USB Serial", "12345")]
     link = "/dev/serial/by-id/usb-Teensyduino_USB_Serial_12345-if00"
-    (found,) = serial_ports(ports, {"/dev/ttyACM0": link})
+    (found,) = plugged_in_lines(ports, {"/dev/ttyACM0": link})
     assert found.address == f"serial:{link}"
     assert "16c0:0483 at /dev/ttyACM0, serial number 12345" in found.text
     make(found.address, axes=3)
     ports = [port(f"/dev/ttyACM{number}", *TEENSY_SERIAL) for number in (2, 0, 1)]
-    found = serial_ports(ports, {"/dev/ttyACM1": link})
+    found = plugged_in_lines(ports, {"/dev/ttyACM1": link})
     assert [each.address for each in found] == ["serial:/dev/ttyACM0", f"serial:{link}", "serial:/dev/ttyACM2"]
 
 
 @pytest.mark.parametrize("pid", HAPLY_BOARDS)
 def test_a_haply_board_may_be_another_arduino(pid):
-    (found,) = serial_ports([port("/dev/ttyACM3", ARDUINO_VID, pid, "Arduino Due")], {})
+    (found,) = plugged_in_lines([port("/dev/ttyACM3", ARDUINO_VID, pid, "Arduino Due")], {})
     assert found.address == "haply:/dev/ttyACM3"
     make(f"{found.address}?model=2diy", axes=2)
     assert f"2341:{pid:04x}" in found.text
@@ -73,7 +73,7 @@ def test_a_haply_board_may_be_another_arduino(pid):
     ("vid", "pid"), [(0x16C0, 0x0486), (0x16C1, 0x0483), (ARDUINO_VID, 0x0043), (0x0403, 0x6001), (None, None)]
 )
 def test_a_port_of_anything_else_is_no_address(vid, pid):
-    (found,) = serial_ports([port("/dev/ttyUSB0", vid, pid)], {"/dev/ttyUSB0": "/dev/serial/by-id/x"})
+    (found,) = plugged_in_lines([port("/dev/ttyUSB0", vid, pid)], {"/dev/ttyUSB0": "/dev/serial/by-id/x"})
     assert found.address == ""
     assert "unknown device" in found.text
     assert "/dev/ttyUSB0" in found.text
@@ -260,7 +260,7 @@ def test_a_prompt_can_be_left_and_says_what_to_add_where_nobody_can_answer(cogri
     def interrupted():
         raise KeyboardInterrupt
 
-    monkeypatch.setattr(SerialPort, "open", lambda _: None)
+    monkeypatch.setattr(SerialLine, "open", lambda _: None)
     monkeypatch.setattr("sys.stdin", io.StringIO(""))
     out, err = cogrip.texts("devices", command, f"serial:{GONE}", code=1)
     assert "Enter when it is so, Ctrl-C to leave" in out

@@ -15,11 +15,11 @@ from cogrip.cli.devices.device_setting import placed, starting_text
 from cogrip.cli.terminal.problem import BadInput
 from cogrip.devices.io.plugged_in import PluggedIn
 from cogrip.devices.registry import make
-from cogrip.devices.trial import Felt
+from cogrip.devices.trial import FeltSpring
 
 REACH = "emulated:vintage?hand=reach&amplitude_m=0.04"
 ON = ""
-LET_GO = Felt(200.0, 0.0, 0.0, 0.0, "no samples")
+LET_GO = FeltSpring(200.0, 0.0, 0.0, 0.0, "no samples")
 
 
 @pytest.fixture
@@ -77,14 +77,14 @@ def test_signs_that_are_right_and_axes_that_nobody_moves(answering) -> None:
 @pytest.mark.parametrize(
     ("felt", "words"),
     [
-        (Felt(200.0, 219.0, 0.004, 0.8), "nothing that was tried is wrong"),
-        (Felt(200.0, 221.0, 0.004, 0.8), "not as it should be: the stiffness"),
-        (Felt(200.0, 179.0, 0.004, 0.8), "not as it should be: the stiffness"),
-        (Felt(200.0, 0.0, 0.001, 0.2), "it was moved by 1.0 mm only: nothing can be said"),
+        (FeltSpring(200.0, 219.0, 0.004, 0.8), "nothing that was tried is wrong"),
+        (FeltSpring(200.0, 221.0, 0.004, 0.8), "not as it should be: the stiffness"),
+        (FeltSpring(200.0, 179.0, 0.004, 0.8), "not as it should be: the stiffness"),
+        (FeltSpring(200.0, 0.0, 0.001, 0.2), "it was moved by 1.0 mm only: nothing can be said"),
         (LET_GO, "not as it should be: the spring let go: no samples"),
     ],
 )
-def test_a_stiffness_that_is_another_one_is_told(answering, monkeypatch, felt: Felt, words: str) -> None:
+def test_a_stiffness_that_is_another_one_is_told(answering, monkeypatch, felt: FeltSpring, words: str) -> None:
     monkeypatch.setattr("cogrip.devices.trial.feel", lambda *_: felt)
     code, out, _ = answering("s", "s", ON, "s", arguments=(REACH,))
     assert words in out

@@ -13,7 +13,7 @@ import pytest
 
 from cogrip.analysis.advice import Advice
 from cogrip.analysis.linear_session import ModelError
-from cogrip.analysis.stability import Limit, Verdict
+from cogrip.analysis.stability import Limit, StabilityVerdict
 from cogrip.cli.session import join, join_target, joined_device
 from cogrip.cli.session.observe import Every, line, table
 from cogrip.cli.terminal.problem import BadInput
@@ -182,7 +182,7 @@ def warned(monkeypatch: pytest.MonkeyPatch, raises: Exception | None = None, **s
         asked.append(what)
         if raises is not None:
             raise raises
-        return Advice(Verdict("passive", 0.5, 0.5, (), 1), Limit(None, 1.0), 1.0, (), ())
+        return Advice(StabilityVerdict("passive", 0.5, 0.5, (), 1), Limit(None, 1.0), 1.0, (), ())
 
     monkeypatch.setattr(joined_device, "advise_seat", advise_seat)
     said: list[str] = []
@@ -220,7 +220,7 @@ def test_a_model_that_would_take_for_ever_is_not_asked(monkeypatch: pytest.Monke
 
 def seeing(view: View | None) -> ObserverCore:
     seat = msgspec.structs.replace(seat_settings(resolve({"users": [{"name": "a"}]}), 0), user="observer 1")
-    hello = join_target.Target("127.0.0.1", 1, "").observer()
+    hello = join_target.JoinTarget("127.0.0.1", 1, "").observer()
     core = ObserverCore(ClientSession(hello))
     core.handle(Connect(), 0)
     core.receive(messages.encode(Welcome(3, hello.nonce, 5, "", "1", seat, "t", "observer")), 0)

@@ -23,7 +23,7 @@ from cogrip.cli.session.live_views import FollowedRun, JoinTable, JoinView, Live
 from cogrip.cli.session.relay import flows_table, status
 from cogrip.cli.study.compare import methods_table
 from cogrip.cli.terminal.tables import say, wrapped
-from cogrip.devices.arm.check import Row
+from cogrip.devices.arm.check import VerdictRow
 from cogrip.devices.registry import describe, families
 from cogrip.experiments.methods.table import TABLE
 from cogrip.machine.stop import Stop
@@ -316,7 +316,7 @@ def test_whole_records_of_devices(capsys, width: int, name: str, verbose: bool) 
 
 
 def test_what_a_check_found(width: int) -> None:
-    rows = [Row(f"noise of axis {n}, at rest", f"{n}2345.6 counts rms", "at most 1 count, none of them alone", n % 2 == 0, "x")
+    rows = [VerdictRow(f"noise of axis {n}, at rest", f"{n}2345.6 counts rms", "at most 1 count, none alone", n % 2 == 0, "x")
             for n in range(8)]  # fmt: skip
     check(printed(rows_table(rows), width), width, "measured", "found", "wanted", "12345.6", "✓", "✗")
 

@@ -15,7 +15,7 @@ from cogrip.cli.terminal.output import make_console
 from cogrip.experiments.study.conductor import Quit
 from cogrip.experiments.study.plan import Trial, next_trial, planned
 from cogrip.experiments.study.questions import AnswerError, Question, items_of, raw_tlx, unfit_question
-from cogrip.experiments.study.trial import Event, TrialState
+from cogrip.experiments.study.trial import TrialEvent, TrialState
 from cogrip.machine.stop import Stop
 from cogrip.view.io.study_page import StudyPage
 
@@ -40,7 +40,7 @@ class Terminal:
     def hang_up(self) -> None:
         os.close(self._write)
 
-    def wait(self, state: TrialState) -> Event:
+    def wait(self, state: TrialState) -> TrialEvent:
         return self.people.wait(self.trial, state, ["P01", "P02"])
 
 
@@ -53,20 +53,20 @@ def terminal() -> Iterator[Terminal]:
 @pytest.mark.parametrize(
     ("pause", "typed", "event"),
     [
-        (False, "\n\n", Event.READY), (False, "r\n\n", Event.READY), (False, "p\n", Event.PAUSE),
-        (False, "\na\n", Event.ABANDON), (True, "\n", Event.RESUME), (True, "a\n", Event.ABANDON),
+        (False, "\n\n", TrialEvent.READY), (False, "r\n\n", TrialEvent.READY), (False, "p\n", TrialEvent.PAUSE),
+        (False, "\na\n", TrialEvent.ABANDON), (True, "\n", TrialEvent.RESUME), (True, "a\n", TrialEvent.ABANDON),
     ],
 )  # fmt: skip
 def test_orders_between_trials_where_everybody_presses_enter_and_in_a_pause(
-    terminal: Terminal, pause: bool, typed: str, event: Event
+    terminal: Terminal, pause: bool, typed: str, event: TrialEvent
 ) -> None:
     state = TrialState(1, ["P01", "P02"])
     if pause:
-        state.handle(Event.PAUSE)
+        state.handle(TrialEvent.PAUSE)
     terminal.type(typed)
     assert terminal.wait(state) is event
     shown = terminal.shown.getvalue()
-    assert event is not Event.READY or ("P01: Enter" in shown and "P02: Enter" in shown)
+    assert event is not TrialEvent.READY or ("P01: Enter" in shown and "P02: Enter" in shown)
 
 
 @pytest.mark.parametrize(("typed", "looks"), [("", 4), ("\n", 2)])

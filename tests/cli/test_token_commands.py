@@ -18,7 +18,7 @@ from cogrip.cli.terminal.problem import BadInput
 from cogrip.protocol.wire.join_link import JoinLink, parse_link
 from cogrip.server.admission import Grant
 from cogrip.server.io import control as control_module
-from cogrip.server.io.control import Control, Kick, Reload
+from cogrip.server.io.control import Control, KickOrder, ReloadOrder
 from cogrip.server.io.state_folder import ServerRecord, StateFolder, make_folder, write_private, write_server
 from cogrip.server.io.token_file import TokenFile
 from cogrip.server.tokens import Token
@@ -52,11 +52,11 @@ def token(cogrip: Cogrip) -> Cogrip:
 
 
 @pytest.fixture
-def serving(folder: StateFolder) -> Iterator[list[Kick | Reload]]:
+def serving(folder: StateFolder) -> Iterator[list[KickOrder | ReloadOrder]]:
     """A server that answers the commands; gives what it was asked."""
 
-    def answer(order: Kick | Reload) -> dict[str, Any]:
-        known = not (isinstance(order, Kick) and order.user == "nobody")
+    def answer(order: KickOrder | ReloadOrder) -> dict[str, Any]:
+        known = not (isinstance(order, KickOrder) and order.user == "nobody")
         return {"text": f"done: {type(order).__name__}", "ok": known}
 
     with answering(folder, answer) as orders:
@@ -299,7 +299,7 @@ def test_revoked_with_no_server_running(token, folder) -> None:
 def test_a_running_server_is_told(token, folder, serving) -> None:
     _, one = new(token)
     assert token.out("revoke", one) == f"{one} is revoked\nthe server has read it: done: Reload\n"
-    assert serving == [Reload()]
+    assert serving == [ReloadOrder()]
 
 
 def test_a_server_that_does_not_answer_is_said(token, folder, monkeypatch) -> None:
@@ -331,9 +331,9 @@ def test_a_token_in_an_ids_place_is_not_shown(token, folder) -> None:
 
 def test_a_kick_is_handed_on_whole(cogrip, serving) -> None:
     assert cogrip.out(f"kick anna --room demo --reason lunch --revoke --port {PORT}") == "done: Kick\n"
-    assert serving == [Kick("anna", "demo", "lunch", True)]
+    assert serving == [KickOrder("anna", "demo", "lunch", True)]
     cogrip("kick", "an observer", "--port", PORT)
-    assert serving[1:] == [Kick("an observer")], "of observers only the server knows"
+    assert serving[1:] == [KickOrder("an observer")], "of observers only the server knows"
     assert cogrip("kick", "nobody", "--port", PORT) == (1, "", "cogrip: kick: done: Kick\n"), "the server refuses"
 
 

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from cogrip.server.io.control import Answer, Who
+from cogrip.server.io.control import OrderReply, WhoOrder
 from cogrip.server.io.state_folder import ServerRecord, StateFolder, make_folder, write_server
 from cogrip.server.roster import RosterEntry
 
@@ -44,7 +44,7 @@ def test_a_line_a_person(cogrip: Cogrip, folder: StateFolder, asked: list[object
         "observer 1  lab   observes   [::1]:9     0:00          -      -        -     -  -",
         "3 in 1 room",
     ]
-    assert asked == [Who("")]
+    assert asked == [WhoOrder("")]
 
 
 def test_as_json(cogrip: Cogrip, folder: StateFolder, asked: list[object]) -> None:
@@ -52,7 +52,7 @@ def test_as_json(cogrip: Cogrip, folder: StateFolder, asked: list[object]) -> No
     anna, _, observer = json.loads(out)["people"]
     assert [anna[key] for key in ("up_ms", "down_ms", "lost", "since_s", "holds")] == [20.0, 21.25, 7, 3723.4, True]
     assert (observer["seat"], observer["rtt_ms"], observer["device"]) == (None, None, "")
-    assert asked == [Who("lab")]
+    assert asked == [WhoOrder("lab")]
     assert "did you mean 'lab'?" in cogrip.err("who", "--room", "lap", "--state", folder.path)
 
 
@@ -69,7 +69,7 @@ def test_the_servers_address_names_its_port(cogrip: Cogrip, monkeypatch: pytest.
     ports = []
     monkeypatch.setattr(
         "cogrip.cli.admin.who.answer_of",
-        lambda _, order, state, port: ports.append(port) or (Answer(True, "nobody"), Path()),
+        lambda _, order, state, port: ports.append(port) or (OrderReply(True, "nobody"), Path()),
     )
     cogrip.out("who", server)
     assert ports == [47811]

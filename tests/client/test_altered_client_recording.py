@@ -14,7 +14,7 @@ from cogrip.protocol.recording.records import Datagram, Input, Tick
 from cogrip.protocol.recording.sink import encode
 from cogrip.protocol.wire import messages
 from cogrip.protocol.wire.messages import Waves
-from cogrip.results.replay.comparison import Difference
+from cogrip.results.replay.comparison import FirstDifference
 
 from tests.client.recorded_person import SCRIPT, M
 
@@ -30,7 +30,7 @@ def tick_at(at: int) -> Tick:
     return msgspec.json.decode(SCRIPT.noted[at][2], type=Tick)
 
 
-def difference(at: int, instead: msgspec.Struct) -> Difference:
+def difference(at: int, instead: msgspec.Struct) -> FirstDifference:
     """Return what is found where this record stands at a place of the script."""
     found = SCRIPT.altered(at, encode(instead)).difference
     assert found is not None

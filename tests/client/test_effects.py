@@ -10,7 +10,7 @@ from hypothesis import assume, example, given, settings
 from hypothesis import strategies as st
 from msgspec.structs import replace
 
-from cogrip.client.effects.active import Texture, Vibration
+from cogrip.client.effects.active import Grating, Vibration
 from cogrip.client.effects.force import PASSIVE, EffectForce
 from cogrip.client.effects.tank import EnergyTank
 from cogrip.client.hand.frame import HandFrame
@@ -226,7 +226,7 @@ def test_springs_are_no_stiffer_than_the_device_carries() -> None:
 
 def test_texture_is_no_stiffer_than_the_device_carries_and_draws_from_the_tank() -> None:
     effect = texture(1.0, 0.002)
-    assert Texture(effect, 1).stiffness_npm == pytest.approx(1000.0 * math.pi)
+    assert Grating(effect, 1).stiffness_npm == pytest.approx(1000.0 * math.pi)
     effects, carried = force_of(effect, tank_mj=5.0), (50.0, 500.0 * math.pi)
     peak = max(rendered(effects, range(tick, tick + 1), 0.0005, carried=carried) for tick in range(64))
     assert peak == pytest.approx(0.5)

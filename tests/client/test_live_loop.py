@@ -9,7 +9,7 @@ import pytest
 from cogrip.client import loop
 from cogrip.client.inputs import Connect
 from cogrip.client.io.paths import JoinError
-from cogrip.client.loop import Ended, LiveClient, fade_out
+from cogrip.client.loop import LiveClient, SessionEnded, fade_out
 from cogrip.client.safety.limiter import FAULT_OUT_S
 from cogrip.devices.device import DeviceError, Sample
 from cogrip.machine import pacing
@@ -123,11 +123,11 @@ def client(device: Any, server: Any, make_link: Any = LinkEmulator) -> LiveClien
     return LiveClient(device, hello(), server, Stop(), lambda words: None, make_link, lambda seat: None)
 
 
-def ended(device: Any, server: Any = None, seconds: float | None = None) -> Ended:
+def ended(device: Any, server: Any = None, seconds: float | None = None) -> SessionEnded:
     ran = client(device, server or Server())
     ran.seconds = ran.seconds if seconds is None else seconds
     found = ran.run()
-    assert isinstance(found, Ended)
+    assert isinstance(found, SessionEnded)
     return found
 
 

@@ -14,7 +14,7 @@ from cogrip.client.inputs import DeviceFailed, ForceApplied, Poll, Stop
 from cogrip.protocol.laws.passivity_control import CHARGE_UP_J, LENT_J
 from cogrip.protocol.line.energy_sums import CompensatedSum
 from cogrip.protocol.wire import messages
-from cogrip.protocol.wire.clock import Clock
+from cogrip.protocol.wire.clock import MessageClock
 from cogrip.protocol.wire.messages import Power, Stamp
 
 from tests.client.seated_client import T_C, T_N, Client, M, at_ns, seat, walk
@@ -101,7 +101,7 @@ def test_what_the_hand_takes_is_paid_up_to_what_one_tick_may_miss(frames: list[A
             assert abs(force - given_n) <= B * abs(guess) + 1e-12
     (left,) = control.left_j
     control.end_frame()
-    message = messages.decode(control.message(7, Clock(), 1, (0.0,), (0.0,), (0.0,)))
+    message = messages.decode(control.message(7, MessageClock(), 1, (0.0,), (0.0,), (0.0,)))
     kept = put - message.entered_j[0]
     assert left == pytest.approx(said + kept - out, abs=1e-12)  # W = S + kept - out
     assert control.port_j == pytest.approx(put - out, abs=1e-12)

@@ -11,7 +11,7 @@ from cogrip.client.seat.rendered_damper import OverloadError, refusal, rounded_d
 from cogrip.client.supervised_device import SupervisedDevice
 from cogrip.devices.device import Capability
 from cogrip.devices.registry import make
-from cogrip.devices.simulated.device import SimulatedDevice
+from cogrip.devices.simulated.simulated_device import SimulatedDevice
 from cogrip.protocol.settings.seat import SeatSettings
 
 from tests.client.seated_client import T_C, hello, seat, welcome

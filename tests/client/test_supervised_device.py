@@ -276,7 +276,7 @@ def test_a_clock_finds_calls_that_block(held: Held) -> None:
     assert held.state == "live"
 
 
-@pytest.mark.parametrize("verb", ["reply", "port.read"])
+@pytest.mark.parametrize("verb", ["reply", "line.read"])
 def test_an_arm_whose_replies_are_lost_is_asked_for_no_force_and_closed(verb: str, monkeypatch) -> None:
     """Its last request still waits for an answer, so the driver says that the force of that one acts, for ever."""
     bench = opened(axes=1)
@@ -295,7 +295,7 @@ def test_an_arm_whose_replies_are_lost_is_asked_for_no_force_and_closed(verb: st
     run(400, (0.5,))
     assert abs(bench.force_n[0]) > 0.4
     exchange = bench.driver.exchange
-    monkeypatch.setattr(exchange if verb == "reply" else exchange.port, verb.removeprefix("port."), lost)
+    monkeypatch.setattr(exchange if verb == "reply" else exchange.line, verb.removeprefix("line."), lost)
     run(1, (0.5,))
     assert core.safety.state == "fault"
     run(round((FAULT_OUT_S + 0.02) * RATE_HZ), None)

@@ -3,9 +3,9 @@
 import pytest
 
 from cogrip.client.hand.waiting_hand import MOST_WAIT_S, WaitingHand
-from cogrip.client.markers import Markers
+from cogrip.client.markers import OwnMarkers
 from cogrip.devices.registry import make
-from cogrip.devices.simulated.device import SimulatedDevice
+from cogrip.devices.simulated.simulated_device import SimulatedDevice
 from cogrip.protocol.settings.task import EVERYBODY
 from cogrip.protocol.wire.messages import Mark
 
@@ -64,6 +64,6 @@ def test_a_session_that_waits_in_vain_ends() -> None:
     ],
 )
 def test_the_room_says_that_everybody_is_there_and_nobody_in_it_can(mark: Mark, everybody: bool) -> None:
-    markers = Markers()
+    markers = OwnMarkers()
     markers.receive(mark, 0)
     assert markers.everybody is everybody

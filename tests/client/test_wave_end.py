@@ -18,7 +18,7 @@ from cogrip.protocol.line.line_in_use import FOLLOW_S
 from cogrip.protocol.line.loop_meter import LoopMeter
 from cogrip.protocol.line.sender import LineSender
 from cogrip.protocol.settings.line_tuning import Tuning
-from cogrip.protocol.wire.clock import Clock
+from cogrip.protocol.wire.clock import MessageClock
 from cogrip.protocol.wire.messages import Waves, decode
 
 from tests.client.seated_client import ROOT, T_C, T_N, M, next_waves, seat
@@ -61,7 +61,7 @@ class End:
         return forces
 
     def message(self) -> Waves:
-        made = decode(self.coupling.message(7, Clock(), 1, (0.0,), (0.0,), (0.0,)))
+        made = decode(self.coupling.message(7, MessageClock(), 1, (0.0,), (0.0,), (0.0,)))
         assert isinstance(made, Waves)
         return made
 

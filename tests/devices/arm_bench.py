@@ -5,11 +5,11 @@ from math import hypot
 
 from cogrip.devices.arm.pose import Calibration
 from cogrip.devices.device import DeviceError, Sample
-from cogrip.devices.emulated.device import EmulatedDevice, Notebook
+from cogrip.devices.emulated.emulated_device import EmulatedDevice, Notebook
+from cogrip.devices.emulated.emulated_line import EmulatedLine
 from cogrip.devices.emulated.firmware import Firmware
 from cogrip.devices.emulated.hfab_firmware import HfabFirmware
 from cogrip.devices.emulated.machines import make_firmware
-from cogrip.devices.emulated.port import EmulatedPort
 from cogrip.devices.serial.family import drive
 from cogrip.devices.settings import parse_address
 
@@ -27,14 +27,14 @@ class Bench(EmulatedDevice):
     ) -> None:  # fmt: skip
         arm = arm or make_firmware(name, parse_address(f"sim:phantom?hand={hand}").query, powered_at_m=powered_at_m)
         self.notebook = store or Notebook()
-        self.port = EmulatedPort(NAME, arm)
-        driver = drive(self.port, NAME, self.notebook, parse_address(f"{NAME}?{keys}"), axes)
+        self.line = EmulatedLine(NAME, arm)
+        driver = drive(self.line, NAME, self.notebook, parse_address(f"{NAME}?{keys}"), axes)
         super().__init__(driver, arm)
         self.arm = arm
         self.tick = 0
         self.sent: list[bytes] = []
-        write = self.port.write
-        self.port.write = lambda frame: (self.sent.append(frame), write(frame))  # type: ignore[method-assign]
+        write = self.line.write
+        self.line.write = lambda frame: (self.sent.append(frame), write(frame))  # type: ignore[method-assign]
 
     def hold(self, force_n: Sequence[float], ticks: int) -> list[Sample | None]:
         samples = []

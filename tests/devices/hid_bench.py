@@ -5,10 +5,10 @@ from collections.abc import Callable
 from pathlib import Path
 
 from cogrip.devices.arm.driver import ArmDevice
-from cogrip.devices.emulated.device import Notebook
+from cogrip.devices.emulated.emulated_device import Notebook
 from cogrip.devices.hid.enumeration import VARIANTS
 from cogrip.devices.hid.family import drive
-from cogrip.devices.io.hid_port import HidPort
+from cogrip.devices.io.hid_line import HidLine
 from cogrip.devices.settings import parse_address
 
 from tests.devices.held_device import refused
@@ -27,7 +27,7 @@ class Bench:
         self._stub = stub
         self.backend = backend
         self.folder = folder
-        self._ports: list[HidPort] = []
+        self._ports: list[HidLine] = []
         stub.stub_opened.restype = ctypes.c_char_p
         stub.stub_reset()
 
@@ -50,22 +50,22 @@ class Bench:
     def currents(self) -> tuple[int, int, int]:
         return self["current_a"], self["current_b"], self["current_c"]
 
-    def port(self, variant: str = "mbed14", **asked: str) -> HidPort:
-        return HidPort(NAME, VARIANTS[variant], self.backend, **asked)
+    def line(self, variant: str = "mbed14", **asked: str) -> HidLine:
+        return HidLine(NAME, VARIANTS[variant], self.backend, **asked)
 
-    def open(self, variant: str = "mbed14", **asked: str) -> HidPort:
-        port = self.port(variant, **asked)
-        port.open()
-        self._ports.append(port)
-        return port
+    def open(self, variant: str = "mbed14", **asked: str) -> HidLine:
+        line = self.line(variant, **asked)
+        line.open()
+        self._ports.append(line)
+        return line
 
     def close(self) -> None:
-        for port in self._ports:
-            port.close()
+        for line in self._ports:
+            line.close()
 
     def device(self, keys: str = "pose=home", notebook: Notebook | None = None) -> ArmDevice:
         address = parse_address(f"{NAME}?backend={self.backend}&{keys}")
-        return drive(self.port(), NAME, notebook or Notebook(), address, 3)
+        return drive(self.line(), NAME, notebook or Notebook(), address, 3)
 
     def stand_at(self, counts) -> None:
         self.set(**dict(zip("abc", map(round, counts), strict=True)))
@@ -76,6 +76,6 @@ def fails(verb: Callable[[], object], *says: str) -> None:
         verb()
 
 
-def fails_at_last(port: HidPort, *says: str) -> None:
+def fails_at_last(line: HidLine, *says: str) -> None:
     """A failure in the writing thread is raised by a later call."""
-    fails(lambda: [port.read(0.05) for _ in range(100)], *says)
+    fails(lambda: [line.read(0.05) for _ in range(100)], *says)

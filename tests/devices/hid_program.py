@@ -8,12 +8,12 @@ from pathlib import Path
 
 from cogrip.devices.io import hid_port
 
-from tests.devices import hid_port_scenarios
+from tests.devices import hid_line_scenarios
 from tests.devices.hid_bench import LONG_S, Bench
 
 SCENARIOS = {
     name.removeprefix("scenario_"): play
-    for name, play in vars(hid_port_scenarios).items()
+    for name, play in vars(hid_line_scenarios).items()
     if name.startswith("scenario_")
 }
 

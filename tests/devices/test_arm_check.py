@@ -7,13 +7,13 @@ from math import ceil, nan
 import pytest
 
 from cogrip.devices.arm import check as bounds
-from cogrip.devices.arm.check import LEAST_MOVED_COUNTS, MOST_NOISE_COUNTS, Measured, Row, verdict
-from cogrip.devices.arm.exchange import Exchange
+from cogrip.devices.arm.check import LEAST_MOVED_COUNTS, MOST_NOISE_COUNTS, ArmFindings, VerdictRow, verdict
+from cogrip.devices.arm.exchange import RequestExchange
 from cogrip.devices.device import DeviceError
+from cogrip.devices.emulated.emulated_line import EmulatedLine
 from cogrip.devices.emulated.hfab_firmware import HfabFirmware
 from cogrip.devices.emulated.machines import make_firmware
 from cogrip.devices.emulated.mechanics import Mechanics
-from cogrip.devices.emulated.port import EmulatedPort
 from cogrip.devices.io import arm_check
 from cogrip.devices.io.arm_check import MOST_TEST_MA, ArmCheck
 from cogrip.devices.serial.frames import MODELS as NUMBERS
@@ -23,13 +23,13 @@ from cogrip.devices.settings import parse_address
 from tests.extent import every, long
 
 SLOWEST_HZ, LATEST_US = bounds.LEAST_RATE_HZ, bounds.MOST_LATENCY_US
-WELL = Measured(
+WELL = ArmFindings(
     requests=2000, missed=0, rate_hz=4000.0, latency_p50_us=200.0, latency_p99_us=300.0, noise=(0, 1, 0),
     forward=(60, 60, 60), backward=(-60, -60, -60), lowest=(-500, -500, -500), highest=(500, 500, 500),
 )  # fmt: skip
 
 
-def bad(measured: Measured) -> dict[str, Row]:
+def bad(measured: ArmFindings) -> dict[str, VerdictRow]:
     return {row.what: row for row in verdict(measured, 200.0) if not row.good}
 
 
@@ -101,7 +101,7 @@ class Clock:
         self._arm.advance(self._arm.now_ns + round(1e9 * seconds))
 
 
-class RealPort(EmulatedPort):
+class RealPort(EmulatedLine):
     """Time passes: a request takes `wire_s` to and fro, and a reply that is waited for is waited for."""
 
     def __init__(self, arm: HfabFirmware, wire_s: float = 0.0002) -> None:
@@ -136,7 +136,7 @@ def checked(
     assert isinstance(arm, HfabFirmware)
     monkeypatch.setattr(arm_check, "time", Clock(arm))
     port = RealPort(arm, wire_s)
-    return ArmCheck(Exchange(port, BracketCodec()), current_ma), port
+    return ArmCheck(RequestExchange(port, BracketCodec()), current_ma), port
 
 
 def begun(monkeypatch: pytest.MonkeyPatch, **keys) -> tuple[ArmCheck, RealPort]:
@@ -145,7 +145,7 @@ def begun(monkeypatch: pytest.MonkeyPatch, **keys) -> tuple[ArmCheck, RealPort]:
     return check, port
 
 
-def wrong(check: ArmCheck, moving_s: float = 0.2) -> dict[str, Row]:
+def wrong(check: ArmCheck, moving_s: float = 0.2) -> dict[str, VerdictRow]:
     """The lines of a measurement that are not good."""
     check.begin()
     rows = bad(check.measured(lambda _: None, moving_s))

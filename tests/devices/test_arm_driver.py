@@ -140,7 +140,7 @@ def test_a_device_must_be_what_it_is_said_to_be(stated: str, real: str) -> None:
         return
     with pytest.raises(DeviceError, match=f"it says that it is {real}, not {stated}; correct the key model"):
         bench.open(RATE_HZ)
-    bench.port.open()  # it was let go
+    bench.line.open()  # it was let go
 
 
 @every_model
@@ -155,7 +155,7 @@ def test_a_device_that_is_not_named_is_asked_once_and_refused_where_nobody_knows
     bench.arm.number = 7
     with refused("it says that it is number 7; known are polhem, vintage, woodenhaptics-serial"):
         _ = bench.capability
-    bench.port.open()
+    bench.line.open()
 
 
 @pytest.mark.parametrize("open_", [True, False])

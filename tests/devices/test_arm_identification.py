@@ -15,7 +15,7 @@ from hypothesis import strategies as st
 
 from cogrip.client.supervised_device import SupervisedDevice
 from cogrip.devices.arm import identification
-from cogrip.devices.arm.identification import Bounds, everywhere, fit, force_within, identify
+from cogrip.devices.arm.identification import LossBounds, everywhere, fit, force_within, identify
 from cogrip.devices.arm.pose import OwnLosses
 from cogrip.devices.device import DeviceError
 from cogrip.devices.registry import axes_of, make
@@ -33,7 +33,7 @@ def free_arm(name: str, keys: str, hand: str = FREE) -> Any:
     return make(address, axes=axes_of(address))
 
 
-def identified(device: Any) -> tuple[Bounds, float]:
+def identified(device: Any) -> tuple[LossBounds, float]:
     """The bounds, and the force that was allowed."""
     model = device.driver.model
     force_n = force_within(model, inf if model.record.family == "haply" else MOST_MA)
@@ -83,7 +83,7 @@ def test_nothing_is_found_where_there_is_nothing(name: str) -> None:
 
 
 @cache
-def watched_vintage() -> tuple[Bounds, float, list[float], list[float]]:
+def watched_vintage() -> tuple[LossBounds, float, list[float], list[float]]:
     """Identify a vintage arm of 0.3 N s/m and 0.04 N; return its bounds, the bound of the force, and each force and current."""
     device = free_arm("vintage", VINTAGE)
     mechanics = device.firmware.mechanics
@@ -139,7 +139,7 @@ def test_missed_ticks_cost_nothing_and_too_many_end_it() -> None:
     exact, force_n, *_ = watched_vintage()
     device = free_arm("vintage", VINTAGE)
 
-    def late_by(ticks: int) -> Bounds:
+    def late_by(ticks: int) -> LossBounds:
         return identify(device, device.driver.model, force_n, lambda tick: tick + ticks * (tick % 700 == 0))
 
     late = late_by(12)
@@ -172,7 +172,7 @@ def test_no_period_took_less_than_the_bounds_say(b: float, c: float, noise: list
 
 def test_points_off_any_line_are_refused_and_those_on_one_are_not() -> None:
     y = 0.04 + 0.3 * S
-    assert fit(S, y, PATH, 0.2, 0.004, 0.0) == Bounds(pytest.approx(0.3), pytest.approx(0.036))
+    assert fit(S, y, PATH, 0.2, 0.004, 0.0) == LossBounds(pytest.approx(0.3), pytest.approx(0.036))
     with pytest.raises(DeviceError, match="more than 20%, or below 0; let nobody touch it"):
         fit(S, y * np.array([1.0, 1.6, 0.6] * 3), PATH, 0.2, 0.004, 0.0)
     with pytest.raises(DeviceError, match="below 0"):
@@ -185,7 +185,7 @@ def test_points_off_any_line_are_refused_and_those_on_one_are_not() -> None:
 def test_a_frequency_with_too_little_motion_is_left_out() -> None:
     y, path_m = 0.04 + 0.3 * S, PATH.copy()
     y[6:], path_m[6:] = 9.0, 0.009
-    assert fit(S, y, path_m, 0.2, 0.004, 0.0) == Bounds(pytest.approx(0.3), pytest.approx(0.036))
+    assert fit(S, y, path_m, 0.2, 0.004, 0.0) == LossBounds(pytest.approx(0.3), pytest.approx(0.036))
     path_m[5] = 0.009
     with pytest.raises(DeviceError, match=r"moved 9\.0 mm a period under at most 0.2 N, less than 10 mm"):
         fit(S, y, path_m, 0.2, 0.004, 0.0)
@@ -200,7 +200,7 @@ def test_losses_in_the_joints_are_bounded_in_every_direction(b: list[float], c: 
     random = np.random.default_rng(seed)
     jacobian = np.eye(3) + 0.4 * random.uniform(-1.0, 1.0, (3, 3))
     lengths = np.linalg.norm(jacobian, axis=0)
-    found = [Bounds(B / length**2, C / length) for B, C, length in zip(b, c, lengths, strict=True)]
+    found = [LossBounds(B / length**2, C / length) for B, C, length in zip(b, c, lengths, strict=True)]
     least = everywhere(found, jacobian / lengths, 1.0)
     velocity = random.normal(size=(200, 3))
     rates = velocity @ np.linalg.inv(jacobian).T

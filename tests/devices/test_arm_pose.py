@@ -32,7 +32,7 @@ def test_without_a_calibration_there_is_no_force() -> None:
     bench = Bench(keys="pose=stored")
     with refused("its pose is not known, so there would be no force", f"run `cogrip devices calibrate {NAME}`"):
         bench.open(RATE_HZ)
-    bench.port.open()
+    bench.line.open()
 
 
 def test_a_calibration_makes_up_for_where_it_was_powered_up() -> None:
@@ -79,7 +79,7 @@ def test_a_calibration_of_another_model_or_where_pluggings_cannot_be_told_apart_
     bench.notebook.keep(kept(model="polhem"))
     with pytest.raises(DeviceError, match="was calibrated as polhem, but is vintage now"):
         bench.open(RATE_HZ)
-    bench.port.stamp = lambda: ""  # type: ignore[method-assign]
+    bench.line.stamp = lambda: ""  # type: ignore[method-assign]
     bench.go_home()
     bench.calibrate()
     with pytest.raises(DeviceError, match="cannot tell one plugging-in from another"):
@@ -99,7 +99,7 @@ def test_pose_home_is_said_of_one_plugging_in() -> None:
 
 def test_pose_home_is_lost_with_the_wire_where_pluggings_cannot_be_told_apart() -> None:
     bench = Bench()
-    bench.port.stamp = lambda: ""  # type: ignore[method-assign]
+    bench.line.stamp = lambda: ""  # type: ignore[method-assign]
     bench.open(RATE_HZ)
     bench.close()
     bench.open(RATE_HZ)  # nothing happened meanwhile

@@ -11,7 +11,7 @@ from pathlib import Path
 import pytest
 
 from cogrip.devices import Capability, Device, Sample, conformance, make
-from cogrip.devices.conformance import CHECKS, Subject, UnfitError
+from cogrip.devices.conformance import CHECKS, DeviceSubject, UnfitDeviceError
 from cogrip.devices.registry import axes_of, is_real, schemes, stand_ins
 
 from tests.devices.held_device import hold, opened
@@ -36,10 +36,10 @@ def acting(device: Device) -> tuple[float, ...]:
     return device.force_n  # type: ignore[attr-defined]
 
 
-def subject(address: str, axes: int) -> Subject:
+def subject(address: str, axes: int) -> DeviceSubject:
     # a simulated machine limits itself, in its plant; a replay need not
     clamps = not address.startswith(("sim:", "replay:"))
-    return Subject(lambda: make(address, axes=axes), acting=acting, push_n=float("inf") if clamps else 1.0)
+    return DeviceSubject(lambda: make(address, axes=axes), acting=acting, push_n=float("inf") if clamps else 1.0)
 
 
 def test_every_family_is_tried() -> None:
@@ -48,7 +48,7 @@ def test_every_family_is_tried() -> None:
     assert set(stand_ins()) == set(schemes())
 
 
-def broken(subject: Subject) -> dict[str, str]:
+def broken(subject: DeviceSubject) -> dict[str, str]:
     """Return what is wrong, by the check that finds it."""
     found = {}
     for check in CHECKS:
@@ -179,9 +179,9 @@ LIES: list[tuple[str, str, Callable[[], Liar]]] = [
 
 @pytest.mark.parametrize(("check", "words", "lying"), LIES)
 def test_a_driver_that_lies_is_found(check: str, words: str, lying: Callable[[], Liar]) -> None:
-    with pytest.raises(UnfitError, match=re.escape(words)):
-        getattr(conformance, check)(Subject(lying))  # type: ignore[arg-type]
-    getattr(conformance, check)(Subject(Liar))  # type: ignore[arg-type]  # the same, without the lie
+    with pytest.raises(UnfitDeviceError, match=re.escape(words)):
+        getattr(conformance, check)(DeviceSubject(lying))  # type: ignore[arg-type]
+    getattr(conformance, check)(DeviceSubject(Liar))  # type: ignore[arg-type]  # the same, without the lie
 
 
 @pytest.mark.parametrize(
@@ -197,7 +197,7 @@ def test_a_driver_that_lies_is_found(check: str, words: str, lying: Callable[[],
 def test_answers_that_are_half_a_line_are_found(model: str, fault: str, found: bool) -> None:
     line = subject(f"emulated:{model}?faults={fault}" if fault else f"emulated:{model}", 2)
     if found:
-        with pytest.raises(UnfitError, match=r"answers that are whole: at .* ticks it counted .*reply missed"):
+        with pytest.raises(UnfitDeviceError, match=r"answers that are whole: at .* ticks it counted .*reply missed"):
             conformance.answers_come_whole(line)
     else:
         conformance.answers_come_whole(line)
@@ -206,9 +206,9 @@ def test_answers_that_are_half_a_line_are_found(model: str, fault: str, found: b
 @pytest.mark.parametrize(("took_ns", "fits"), [(970_000, True), (980_000, False), (30_000_000, False)])
 def test_a_driver_whose_reads_block_is_found(took_ns: int, fits: bool) -> None:
     clock = SlowClock(took_ns)
-    subject = Subject(lambda: Liar(clock.read), clock=lambda: clock.now_ns)  # type: ignore[arg-type, return-value]
+    subject = DeviceSubject(lambda: Liar(clock.read), clock=lambda: clock.now_ns)  # type: ignore[arg-type, return-value]
     if fits:
         conformance.calls_do_not_block(subject)
     else:
-        with pytest.raises(UnfitError, match=r"read and write within a tick of 0\.98 ms: "):
+        with pytest.raises(UnfitDeviceError, match=r"read and write within a tick of 0\.98 ms: "):
             conformance.calls_do_not_block(subject)

@@ -13,7 +13,7 @@ import pytest
 
 from cogrip.cli.main import main
 from cogrip.devices import DeviceError, make, registry
-from cogrip.devices.conformance import CHECKS, Subject
+from cogrip.devices.conformance import CHECKS, DeviceSubject
 
 from tests.devices.held_device import opened
 
@@ -40,14 +40,14 @@ def installed(example: ModuleType, monkeypatch: pytest.MonkeyPatch) -> Iterator[
 
 
 @pytest.mark.parametrize("check", CHECKS, ids=lambda check: check.__name__)
-def test_the_example_keeps_every_promise(check: Callable[[Subject], None], example: ModuleType) -> None:
+def test_the_example_keeps_every_promise(check: Callable[[DeviceSubject], None], example: ModuleType) -> None:
     ports = []
 
     def wheel() -> object:
         ports.append(example.EmulatedWheel())
         return example.Wheel(ports[-1])
 
-    check(Subject(wheel, acting=lambda device: (-ports[-1].pushes_n,)))  # type: ignore[arg-type]
+    check(DeviceSubject(wheel, acting=lambda device: (-ports[-1].pushes_n,)))  # type: ignore[arg-type]
 
 
 @pytest.mark.usefixtures("installed")

@@ -6,7 +6,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from cogrip.devices.arm.exchange import Exchange, meet
+from cogrip.devices.arm.exchange import RequestExchange, meet
 from cogrip.devices.device import DeviceError
 from cogrip.devices.serial.frames import BracketCodec
 
@@ -59,14 +59,14 @@ class Wire:
         return b"".join(here)
 
 
-def exchange(*delay: float | None) -> tuple[Exchange, Wire]:
+def exchange(*delay: float | None) -> tuple[RequestExchange, Wire]:
     wire = Wire(delay or (0.1,))
-    made = Exchange(wire, BracketCodec())
+    made = RequestExchange(wire, BracketCodec())
     made.start(RATE_HZ)
     return made, wire
 
 
-def run(made: Exchange, wire: Wire, ticks: int) -> list[tuple[int, int, int] | None]:
+def run(made: RequestExchange, wire: Wire, ticks: int) -> list[tuple[int, int, int] | None]:
     """Per tick: (tick, number of the request that was answered, age), or None."""
     found = []
     for tick in range(round(wire.now), round(wire.now) + ticks):
@@ -253,7 +253,7 @@ def test_late_replies_that_come_within_five_ticks_of_each_other_are_told_apart(d
 def test_it_meets_a_device_that_answers(delay: tuple[float | None, ...], sent: bytes, at: float, met: int) -> None:
     wire = Wire(delay)
     wire.send(sent, at)
-    assert meet(Exchange(wire, BracketCodec()), ZERO).raw == (met, 0, 0)
+    assert meet(RequestExchange(wire, BracketCodec()), ZERO).raw == (met, 0, 0)
     assert wire.read() == b"", "it leaves nothing behind"
 
 
@@ -268,7 +268,7 @@ def test_a_device_that_refuses_everything_or_is_silent_is_not_met(answer: bytes,
     wire, asked = Wire([None]), []
     wire.write = lambda frame: (asked.append(frame), wire.send(answer, 1.0))  # type: ignore[method-assign]
     with pytest.raises(DeviceError, match=said):
-        meet(Exchange(wire, BracketCodec()), ZERO)
+        meet(RequestExchange(wire, BracketCodec()), ZERO)
     assert len(asked) == 10
 
 
@@ -276,4 +276,4 @@ def test_a_device_that_never_stops_talking_is_another_one() -> None:
     wire = Wire()
     wire.read = lambda wait_s=0.0: b"$GPGGA,"  # type: ignore[method-assign]
     with pytest.raises(DeviceError, match="sends without being asked"):
-        meet(Exchange(wire, BracketCodec()), ZERO)
+        meet(RequestExchange(wire, BracketCodec()), ZERO)

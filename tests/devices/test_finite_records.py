@@ -11,7 +11,7 @@ import pytest
 
 from cogrip.client.recorder import start_of, start_text
 from cogrip.devices.arm.models import MODELS as ARMS
-from cogrip.devices.conformance import Subject, UnfitError, record_is_complete
+from cogrip.devices.conformance import DeviceSubject, UnfitDeviceError, record_is_complete
 from cogrip.devices.device import LARGEST, SLEW_NPS, SPEED_MPS, Capability, DeviceError
 from cogrip.devices.forcedimension.models import RECORDS as FORCE_DIMENSION
 from cogrip.devices.haply.models import MODELS as HAPLY
@@ -78,10 +78,10 @@ def test_the_conformance_suite_asks_for_a_rate_that_a_hand_can_be_held_at() -> N
         capability = replace(PHANTOM, rate_hz=249)
         counts: dict[str, int] = {}  # noqa: RUF012
 
-    with pytest.raises(UnfitError, match="rate_hz is at least 250"):
-        record_is_complete(Subject(Slow))  # type: ignore[arg-type]
+    with pytest.raises(UnfitDeviceError, match="rate_hz is at least 250"):
+        record_is_complete(DeviceSubject(Slow))  # type: ignore[arg-type]
     Slow.capability = replace(PHANTOM, rate_hz=250)
-    record_is_complete(Subject(Slow))  # type: ignore[arg-type]
+    record_is_complete(DeviceSubject(Slow))  # type: ignore[arg-type]
 
 
 def old_table() -> dict[str, object]:

@@ -8,7 +8,7 @@ from ctypes import c_double
 import pytest
 
 from cogrip.devices.device import DeviceError
-from cogrip.devices.forcedimension.device import STATUS_TICKS
+from cogrip.devices.forcedimension.forcedimension_device import STATUS_TICKS
 from cogrip.devices.forcedimension.models import RECORDS, TYPES
 
 from tests.devices.forcedimension_bench import ERROR, FORCE, PACKAGE, POWER, RATE_HZ, RESET, forget_package

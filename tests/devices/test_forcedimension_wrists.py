@@ -6,7 +6,7 @@ from math import cos, sin
 import pytest
 
 from cogrip.devices.device import DeviceError
-from cogrip.devices.forcedimension.device import STATUS_TICKS
+from cogrip.devices.forcedimension.forcedimension_device import STATUS_TICKS
 from cogrip.devices.forcedimension.models import GRIPPER, GRIPPERS, RECORDS, WRIST, WRISTS, axes_of
 from cogrip.devices.registry import axes_of as axes_at
 from cogrip.devices.registry import make

@@ -13,14 +13,14 @@ from msgspec.structs import replace
 
 from cogrip.devices import DeviceError, make
 from cogrip.devices.arm.driver import HEADROOM
-from cogrip.devices.emulated.device import Notebook
+from cogrip.devices.emulated.emulated_device import Notebook
+from cogrip.devices.emulated.emulated_line import EmulatedLine
 from cogrip.devices.emulated.faults import VERBS, Faults
 from cogrip.devices.emulated.haply_firmware import HaplyFirmware, Joint
-from cogrip.devices.emulated.mechanics import Body, Mechanics
-from cogrip.devices.emulated.port import EmulatedPort
-from cogrip.devices.haply.device import HaplyDevice
+from cogrip.devices.emulated.mechanics import HeldTip, Mechanics
 from cogrip.devices.haply.family import drive
 from cogrip.devices.haply.frames import HaplyCodec
+from cogrip.devices.haply.haply_device import HaplyDevice
 from cogrip.devices.haply.models import MODELS, HaplySettings, model_of
 from cogrip.devices.settings import parse_address, read_settings
 from cogrip.protocol.settings.rates import due_ns
@@ -51,7 +51,7 @@ class Bench:
         keys = {"resolution_m": 0.0, "friction_n": 0.0, "peak_force_n": 100.0, "x0_m": self.start_m}
         body = make(f"sim:phantom?hand={self.hand}", axes=3, **keys)
         a, b = (Joint(port, ccw) for port, ccw in zip(model.wiring.ports, model.wiring.ccw, strict=True))
-        self.firmware = HaplyFirmware((a, b), Mechanics(model, Body(body)), Faults(self.seed), homed=self.homed)
+        self.firmware = HaplyFirmware((a, b), Mechanics(model, HeldTip(body)), Faults(self.seed), homed=self.homed)
 
     def opened(self, pose: str = "home", **keys: int) -> HaplyDevice:
         device = self.driver(pose, **keys)
@@ -60,7 +60,7 @@ class Bench:
 
     def driver(self, pose: str = "home", axes: int = 2, number: int = 0) -> HaplyDevice:
         address = parse_address(f"haply:bench?model={self.name}&pose={pose}{self.keys}")
-        port = EmulatedPort("haply:bench", self.firmware)
+        port = EmulatedLine("haply:bench", self.firmware)
         return drive(port, "haply:bench", self.notes, address, axes, number=number)
 
     def tick(self, device: HaplyDevice, force_n: tuple[float, ...] = (0.0, 0.0)):

@@ -7,7 +7,7 @@ import pytest
 from cogrip.devices import make
 from cogrip.devices.emulated.faults import Faults
 from cogrip.devices.emulated.haply_firmware import HaplyFirmware, Joint
-from cogrip.devices.emulated.mechanics import Body, Mechanics
+from cogrip.devices.emulated.mechanics import HeldTip, Mechanics
 from cogrip.devices.haply.models import MODELS
 
 MS = 1_000_000
@@ -18,7 +18,7 @@ TORQUES = bytes.fromhex("02 05 cd cc 4c 3d cd cc cc bc")  # +0.05 at port 1, -0.
 
 
 def board(hand: str = "hold", **keys: object) -> HaplyFirmware:
-    body = Body(make(f"sim:phantom?hand={hand}", axes=3, resolution_m=0.0, friction_n=0.0, **keys))
+    body = HeldTip(make(f"sim:phantom?hand={hand}", axes=3, resolution_m=0.0, friction_n=0.0, **keys))
     return HaplyFirmware(JOINTS, Mechanics(MODELS["2diy"], body), Faults())
 
 

@@ -23,7 +23,7 @@ from cogrip.devices.haply.frames import HaplyCodec
 from cogrip.devices.haply.models import MODELS
 from cogrip.devices.io import guarded_port
 from cogrip.devices.io.guard import GOOD, LOOK_S, STALL_NS, StallWatch, take_off
-from cogrip.devices.io.guarded_port import GuardedPort
+from cogrip.devices.io.guarded_line import GuardedLine
 from cogrip.devices.settings import parse_address
 
 from tests.devices.haply_board import BOUND_S, Board
@@ -45,13 +45,13 @@ from contextlib import suppress
 from itertools import count, repeat
 from math import inf
 from cogrip.devices import DeviceError
-from cogrip.devices.emulated.device import Notebook
+from cogrip.devices.emulated.emulated_device import Notebook
 from cogrip.devices.haply.family import drive, goodbye, make
 from cogrip.devices.haply.frames import HaplyCodec
 from cogrip.devices.haply.models import MODELS
 from cogrip.devices.haply import line
 from cogrip.devices.io import guarded_port
-from cogrip.devices.io.guarded_port import GuardedPort
+from cogrip.devices.io.guarded_line import GuardedLine
 from cogrip.devices.settings import parse_address
 from msgspec.structs import replace
 
@@ -62,7 +62,7 @@ address = parse_address(f"haply:{path}?model=2diy&pose=home")
 if stall_ns:
     codec = HaplyCodec(MODELS["2diy"].wiring, 1)
     stalls_ns = iter([stall_ns])  # of the first opening
-    port = GuardedPort(
+    port = GuardedLine(
         path, "haply", lambda: replace(goodbye(codec), stall_ns=next(stalls_ns, never_ns), reply_s=reply_s)
     )
     device = drive(port, "haply:test", Notebook(), address, 2, codec)
@@ -82,7 +82,7 @@ device.open(250)
 other = 0
 if mode == "fork" and not (other := os.fork()):
     signal.pause()
-say(device._line._port.guard_pid, other)
+say(device._line._line.guard_pid, other)
 if mode == "raise":
     push(40)
     raise RuntimeError("no more")
@@ -372,7 +372,7 @@ def test_system_that_cannot_share_a_port_is_refused(board: PushedBoard, monkeypa
 @pytest.mark.parametrize("missing", every(3, range(10)))
 def test_frame_that_was_cut_off_in_the_middle_leaves_no_torque(board: PushedBoard, missing: int) -> None:
     codec = HaplyCodec(MODEL.wiring, 20)
-    port = GuardedPort(board.path, "haply", lambda: replace(goodbye(codec), stall_ns=NEVER_NS))
+    port = GuardedLine(board.path, "haply", lambda: replace(goodbye(codec), stall_ns=NEVER_NS))
     port.open()
     push, other = codec.encode((3000, -2000)), codec.encode((-1000, 2500))
     for frame in (codec.wiring.setup(20), push):

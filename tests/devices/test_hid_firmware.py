@@ -8,11 +8,11 @@ import pytest
 from cogrip.devices.arm.models import MODELS
 from cogrip.devices.arm.pose import Calibration
 from cogrip.devices.device import DeviceError
-from cogrip.devices.emulated.device import EmulatedDevice, Notebook
+from cogrip.devices.emulated.emulated_device import EmulatedDevice, Notebook
+from cogrip.devices.emulated.emulated_line import EmulatedLine
 from cogrip.devices.emulated.faults import Faults
 from cogrip.devices.emulated.hid_firmware import BYTES, WATCHDOG_NS, HidFirmware
-from cogrip.devices.emulated.mechanics import Body, Mechanics
-from cogrip.devices.emulated.port import EmulatedPort
+from cogrip.devices.emulated.mechanics import HeldTip, Mechanics
 from cogrip.devices.hid.family import ARMS, NAMES, drive
 from cogrip.devices.registry import make
 from cogrip.devices.settings import parse_address
@@ -28,13 +28,13 @@ MODEL = MODELS["woodenhaptics"]
 def firmware(variant: str = "mbed14", full_scale_a: float = 3.0, name: str = "woodenhaptics", **body) -> HidFirmware:
     """An arm that was powered up in its home pose; then a hand took its tip to the middle of the workspace."""
     keys = {"resolution_m": 0.0, "peak_force_n": 100.0, "mass_kg": 0.075, **body}
-    mechanics = Mechanics(ARMS[name], Body(make("sim:phantom", axes=3, **keys)))
+    mechanics = Mechanics(ARMS[name], HeldTip(make("sim:phantom", axes=3, **keys)))
     return HidFirmware(mechanics, Faults(reports=True), variant, full_scale_a)
 
 
 def emulated(arm: HidFirmware, keys: str = "pose=home", notebook=None, name: str = "woodenhaptics") -> EmulatedDevice:
     address = parse_address(f"hid:{name}?variant={arm.variant}&{keys}")
-    port = EmulatedPort(f"hid:{name}", arm, reports=True)
+    port = EmulatedLine(f"hid:{name}", arm, reports=True)
     return EmulatedDevice(drive(port, f"hid:{name}", notebook or Notebook(), address, 3), arm)
 
 

@@ -7,7 +7,7 @@ import pytest
 
 from cogrip.devices.hid.enumeration import VARIANTS
 from cogrip.devices.io import platform
-from cogrip.devices.io.hid_port import HidPort, load_hidapi
+from cogrip.devices.io.hid_line import HidLine, load_hidapi
 
 from tests.devices.held_device import refused
 from tests.devices.hid_bench import NAME
@@ -26,7 +26,7 @@ def test_without_the_package_its_name_is_said_and_another_of_that_name_is_told_a
     backend: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(platform, "LINUX", True)
-    port = HidPort(NAME, VARIANTS["mbed14"], backend)
+    port = HidLine(NAME, VARIANTS["mbed14"], backend)
     put(monkeypatch)
     with refused("hid:woodenhaptics: needs module ", " of the package hidapi", "pip install hidapi"):
         port.open()

@@ -8,7 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from cogrip.devices import DeviceError, Sample
-from cogrip.devices.emulated.device import EmulatedDevice
+from cogrip.devices.emulated.emulated_device import EmulatedDevice
 from cogrip.devices.emulated.inverse_service import InverseService
 from cogrip.devices.emulated.machines import make_firmware
 from cogrip.devices.inverse.family import CENTRE_M

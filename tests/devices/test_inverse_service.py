@@ -18,10 +18,10 @@ from websockets.http11 import Request
 from websockets.server import ServerProtocol
 from websockets.sync.client import connect
 
-from cogrip.cli.devices.conform import Clock
-from cogrip.devices.conformance import CHECKS, Subject
+from cogrip.cli.devices.conform import TickClock
+from cogrip.devices.conformance import CHECKS, DeviceSubject
 from cogrip.devices.device import Device, DeviceError, Sample
-from cogrip.devices.io.websocket_port import WebsocketPort
+from cogrip.devices.io.websocket_line import WebsocketLine
 from cogrip.devices.registry import make
 
 from tests.devices.held_device import RATE_HZ, opened
@@ -118,8 +118,8 @@ def test_a_service_that_hangs_stops_no_loop(emulate: Callable[..., Emulator]) ->
 def test_it_keeps_every_promise_in_real_time(emulate: Callable[..., Emulator]) -> None:
     """The conformance suite over the socket, as `cogrip devices conform` runs it, but for how long calls take."""
     address = f"inverse:{emulate('--hand', 'hold').place}"
-    clock = Clock(RATE_HZ)
-    subject = Subject(lambda: make(address, axes=3), RATE_HZ, clock.wait, push_n=0.2)
+    clock = TickClock(RATE_HZ)
+    subject = DeviceSubject(lambda: make(address, axes=3), RATE_HZ, clock.wait, push_n=0.2)
     for check in CHECKS:
         for attempt in count():  # the service takes one program at a time, and may not have seen the last one go
             try:
@@ -134,9 +134,9 @@ def test_whatever_is_no_service_is_refused() -> None:
     with socket.create_server(("127.0.0.1", 0)) as free:
         port = free.getsockname()[1]
     with pytest.raises(DeviceError, match=f"no service at localhost:{port} "):
-        WebsocketPort("inverse:x", "localhost", port).open()
+        WebsocketLine("inverse:x", "localhost", port).open()
     with pytest.raises(DeviceError, match="is closed; open it first"):
-        WebsocketPort("inverse:x", "localhost", port).read()
+        WebsocketLine("inverse:x", "localhost", port).read()
 
 
 @contextmanager
@@ -183,7 +183,7 @@ def frame(*texts: bytes) -> bytes:
 )
 def test_what_a_websocket_may_send(sent: bytes, read: bytes | str) -> None:
     with wild_service(sent) as number:
-        port = WebsocketPort("inverse:x", "127.0.0.1", number)
+        port = WebsocketLine("inverse:x", "127.0.0.1", number)
         port.open()
         if isinstance(read, bytes):
             assert port.read(10.0) == read

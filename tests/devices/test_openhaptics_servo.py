@@ -2,7 +2,7 @@
 
 import pytest
 
-from cogrip.devices.conformance import CHECKS, Subject
+from cogrip.devices.conformance import CHECKS, DeviceSubject
 from cogrip.devices.openhaptics.mailbox import HOLD_FRAMES
 
 from tests.devices.openhaptics_bench import RATE_HZ
@@ -13,7 +13,7 @@ from tests.extent import long
 @pytest.mark.parametrize("check", CHECKS, ids=lambda check: check.__name__)
 def test_servo_keeps_what_every_device_promises(servo, check) -> None:
     """The suite runs in real time, that of the servo thread."""
-    check(Subject(lambda: servo.device(0), RATE_HZ, lambda _: servo.lib.stub_wait(1)))
+    check(DeviceSubject(lambda: servo.device(0), RATE_HZ, lambda _: servo.lib.stub_wait(1)))
 
 
 def test_servo_two_devices_exchange_whole_values_with_its_thread(servo) -> None:

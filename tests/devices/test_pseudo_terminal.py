@@ -17,7 +17,7 @@ import pytest
 
 from cogrip.devices.arm.driver import ArmDevice
 from cogrip.devices.device import DeviceError, Sample
-from cogrip.devices.io.serial_port import SerialPort
+from cogrip.devices.io.serial_line import SerialLine
 from cogrip.devices.registry import make
 from cogrip.devices.serial.frames import BracketCodec
 from cogrip.machine.pacing import Pacer
@@ -113,15 +113,15 @@ def emulate(path: str) -> Iterator[Callable[..., Emulator]]:
 
 
 @pytest.fixture
-def wired(emulate: Callable[..., Emulator], path: str) -> Iterator[tuple[Emulator, SerialPort]]:
+def wired(emulate: Callable[..., Emulator], path: str) -> Iterator[tuple[Emulator, SerialLine]]:
     """An emulator whose hand holds, and an open port to it."""
-    emulator, port = emulate("--hand", "hold"), SerialPort(path, "serial")
+    emulator, port = emulate("--hand", "hold"), SerialLine(path, "serial")
     port.open()
     yield emulator, port
     port.close()
 
 
-def line(port: SerialPort) -> bytes:
+def line(port: SerialLine) -> bytes:
     """Return the bytes up to the end of a line."""
     data = b""
     for _ in range(1000):
@@ -157,7 +157,7 @@ class Loop:
 # by hand
 
 
-def test_it_answers_as_the_device_does_and_says_how_it_stands(wired: tuple[Emulator, SerialPort], path: str) -> None:
+def test_it_answers_as_the_device_does_and_says_how_it_stands(wired: tuple[Emulator, SerialLine], path: str) -> None:
     emulator, port = wired
     assert Path(path).is_symlink()
     port.write(ZERO)
@@ -182,7 +182,7 @@ def test_it_answers_as_the_device_does_and_says_how_it_stands(wired: tuple[Emula
 @pytest.mark.parametrize(("model", "number"), [("polhem", b"1"), ("woodenhaptics-serial", b"3")])
 def test_it_is_any_of_the_machines(emulate: Callable[..., Emulator], path: str, model: str, number: bytes) -> None:
     emulate("--model", model, "--hand", "hold", "--powered-at-m", "0.0", "0.0", "0.0")
-    with closing(SerialPort(path, "serial")) as port:
+    with closing(SerialLine(path, "serial")) as port:
         port.open()
         port.write(ZERO)
         assert line(port) == b"[%s,0,0,0,0,0,0,0]\n" % number
@@ -205,7 +205,7 @@ def test_what_is_no_verb_is_said_and_does_nothing(emulate: Callable[..., Emulato
     assert b"fault " not in re.sub(rb"write a fault", b"", emulator.said)
 
 
-def test_a_fault_is_said_and_lasts_as_long_as_it_should(wired: tuple[Emulator, SerialPort]) -> None:
+def test_a_fault_is_said_and_lasts_as_long_as_it_should(wired: tuple[Emulator, SerialLine]) -> None:
     emulator, port = wired
     emulator.ask("silence", "fault silence")
     port.write(ZERO)
@@ -223,7 +223,7 @@ def test_a_fault_is_said_and_lasts_as_long_as_it_should(wired: tuple[Emulator, S
         pytest.fail("it never spoke again")
 
 
-def test_unplugged_it_is_gone_and_mended_it_is_a_new_one(wired: tuple[Emulator, SerialPort], path: str) -> None:
+def test_unplugged_it_is_gone_and_mended_it_is_a_new_one(wired: tuple[Emulator, SerialLine], path: str) -> None:
     emulator, port = wired
     stamp = port.stamp()
     emulator.ask("unplug", "^unplugged")
@@ -255,7 +255,7 @@ def test_however_it_ends_it_takes_its_link_along(emulate: Callable[..., Emulator
     assert b"Traceback" not in emulator.said
 
 
-def test_its_watchdog_lets_go_when_the_driver_is_killed(wired: tuple[Emulator, SerialPort]) -> None:
+def test_its_watchdog_lets_go_when_the_driver_is_killed(wired: tuple[Emulator, SerialLine]) -> None:
     emulator, port = wired
     port.write(b"[300,0,0]\n\0\0\0\0\0\0")
     assert line(port)
@@ -268,7 +268,7 @@ def test_its_watchdog_lets_go_when_the_driver_is_killed(wired: tuple[Emulator, S
     assert status["peak_n"][0] > 0.1
 
 
-def test_a_driver_that_does_not_read_does_not_stop_it(wired: tuple[Emulator, SerialPort]) -> None:
+def test_a_driver_that_does_not_read_does_not_stop_it(wired: tuple[Emulator, SerialLine]) -> None:
     emulator, port = wired
     for _ in range(200):
         for _ in range(10):

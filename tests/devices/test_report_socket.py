@@ -10,7 +10,7 @@ import pytest
 
 from cogrip.devices.device import DeviceError
 from cogrip.devices.hid.enumeration import VARIANTS
-from cogrip.devices.io.hid_port import HidPort
+from cogrip.devices.io.hid_line import HidLine
 from cogrip.devices.io.platform import SEQUENCED
 from cogrip.devices.io.report_socket import is_socket
 from cogrip.devices.registry import make
@@ -34,13 +34,13 @@ def emulate(path: str) -> Iterator[Callable[..., Emulator]]:
     yield from emulating(path, "hid")
 
 
-def opened(path: str, variant: str = "mbed14") -> HidPort:
-    port = HidPort("hid:test", VARIANTS[variant], path=path)
+def opened(path: str, variant: str = "mbed14") -> HidLine:
+    port = HidLine("hid:test", VARIANTS[variant], path=path)
     port.open()
     return port
 
 
-def answer(port: HidPort, report: bytes) -> tuple[int, ...]:
+def answer(port: HidLine, report: bytes) -> tuple[int, ...]:
     port.write(report)
     return unpack("<7h", port.read(LIMIT_S))
 

@@ -4,7 +4,7 @@ from itertools import product
 
 import pytest
 
-from cogrip.devices.conformance import Subject, UnfitError, moves_as_its_record_says
+from cogrip.devices.conformance import DeviceSubject, UnfitDeviceError, moves_as_its_record_says
 from cogrip.devices.device import Device
 from cogrip.devices.registry import make
 from cogrip.devices.response import MOST_N, MOST_SHARE, faults, respond
@@ -81,9 +81,9 @@ def test_one_that_somebody_moves_is_never_said_to_be_well() -> None:
 
 @pytest.mark.parametrize("fault", ["", *FAULTS])
 def test_the_conformance_suite_finds_each(fault: str) -> None:
-    subject = Subject(lambda: FaultyDevice(make("emulated:vintage", axes=3), fault), yields=True)
+    subject = DeviceSubject(lambda: FaultyDevice(make("emulated:vintage", axes=3), fault), yields=True)
     if not fault:
         moves_as_its_record_says(subject)
         return
-    with pytest.raises(UnfitError, match="moves as its record says: "):
+    with pytest.raises(UnfitDeviceError, match="moves as its record says: "):
         moves_as_its_record_says(subject)

@@ -19,7 +19,6 @@ from cogrip.devices.io.platform import SEQUENCED
 from cogrip.devices.io.plugged_in import INPUT_ONLY, spacemice
 from cogrip.devices.registry import is_input_only
 from cogrip.devices.steered import gamepad
-from cogrip.devices.steered.device import MOST_MPS, Decoder, SteeredDevice, SteeredSettings
 from cogrip.devices.steered.gamepad import (
     ABS_RY,
     ABS_RZ,
@@ -32,6 +31,7 @@ from cogrip.devices.steered.gamepad import (
     GamepadDecoder,
 )
 from cogrip.devices.steered.spacemouse import REPEAT_S, SpaceMouseDecoder
+from cogrip.devices.steered.steered_device import MOST_MPS, Decoder, SteeredDevice, SteeredSettings
 from cogrip.devices.web.hand import STRETCH_N, PointerSettings
 
 from tests.devices.held_device import RATE_HZ, hold, opened, refused

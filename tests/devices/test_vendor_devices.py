@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 
 from cogrip.client.inputs import DeviceOpened
 from cogrip.client.supervised_device import SupervisedDevice
-from cogrip.devices.conformance import CHECKS, Subject
+from cogrip.devices.conformance import CHECKS, DeviceSubject
 from cogrip.devices.device import DeviceError
 from cogrip.devices.registry import make
 from cogrip.protocol.settings.rates import due_ns
@@ -102,7 +102,7 @@ def test_position_that_is_no_number_is_no_sample_and_no_force(vendor, bad) -> No
 )
 def test_it_keeps_what_every_device_promises(vendor, check, axes: int) -> None:
     rate_hz = 1000  # both servos'
-    check(Subject(lambda: vendor.device(0, axes), rate_hz, lambda _: vendor.step(), lambda _: vendor.load(axes)))
+    check(DeviceSubject(lambda: vendor.device(0, axes), rate_hz, lambda _: vendor.step(), lambda _: vendor.load(axes)))
 
 
 def forces_over_a_jump(vendor: VendorBench, keys: str, jump_m: float) -> tuple[Client, list[float]]:

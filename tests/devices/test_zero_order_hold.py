@@ -6,7 +6,7 @@ from hypothesis import example, given
 from hypothesis import strategies as st
 from scipy.linalg import expm
 
-from cogrip.devices.simulated.zero_order_hold import Step, discretise
+from cogrip.devices.simulated.zero_order_hold import TickStep, discretise
 
 
 def numbers(low: float, high: float) -> st.SearchStrategy[float]:
@@ -19,7 +19,7 @@ def exponential(mass: float, damping: float, stiffness: float, rate_hz: int) -> 
     return np.asarray(expm(a / rate_hz))
 
 
-def as_matrix(step: Step) -> np.ndarray:
+def as_matrix(step: TickStep) -> np.ndarray:
     return np.array([
         [1.0 - step.stiffness_npm * step.g, step.p, step.g], [-step.stiffness_npm * step.h, step.q, step.h], [0.0, 0.0, 1.0],
     ])  # fmt: skip

@@ -6,7 +6,7 @@ from pathlib import Path
 from typing import Any
 
 from cogrip.experiments.experiment import Measure, Result, run_case
-from cogrip.experiments.methods.query import Comparison, prepare
+from cogrip.experiments.methods.query import ComparisonQuery, prepare
 from cogrip.experiments.methods.table import TABLE
 from cogrip.protocol.settings.room import resolve
 
@@ -31,7 +31,7 @@ class InProcess:
 
 def small(
     methods: Sequence[str] = ("wave", "coupling"), networks: Sequence[str] = ("wifi",), seeds: int = 2
-) -> Comparison:
+) -> ComparisonQuery:
     return prepare(resolve(TWO), methods, networks, seeds)
 
 

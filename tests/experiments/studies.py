@@ -5,12 +5,12 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
-from cogrip.experiments.study.conductor import Conducted, Conductor, Ended
+from cogrip.experiments.study.conductor import Conducted, Conductor, TrialEnded
 from cogrip.experiments.study.journal import StudyFolder
 from cogrip.experiments.study.laboratory_trial import LaboratorySessions
 from cogrip.experiments.study.simulated import SimulatedPeople
 from cogrip.experiments.study.study_file import Study, check, read_study
-from cogrip.experiments.study.trial import Event
+from cogrip.experiments.study.trial import TrialEvent
 from cogrip.protocol.settings.sections import Settings
 from cogrip.results.measures.goal import Goal
 
@@ -69,14 +69,14 @@ def shipped(name: str, **changes: Any) -> Study:
 class NoSessions:
     """Sessions that end at once. asked: the settings of each, by its folder's name; outcomes: of the first ones."""
 
-    def __init__(self, outcomes: Sequence[Ended] = ()) -> None:
+    def __init__(self, outcomes: Sequence[TrialEnded] = ()) -> None:
         self.asked: dict[str, Settings] = {}
         self._outcomes = list(outcomes)
 
-    def run(self, settings: Settings, folder: Path, goal: Goal, title: str) -> Ended:
+    def run(self, settings: Settings, folder: Path, goal: Goal, title: str) -> TrialEnded:
         assert folder.name not in self.asked, "a run folder is made once"
         self.asked[folder.name] = settings
-        return self._outcomes.pop(0) if self._outcomes else Ended(Event.ENDED, "time")
+        return self._outcomes.pop(0) if self._outcomes else TrialEnded(TrialEvent.ENDED, "time")
 
 
 class Observers(SimulatedPeople):

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from cogrip.analysis.trace import Trace
+from cogrip.analysis.trace import SessionTrace
 from cogrip.experiments.methods.measures import read, state_of
 
 
@@ -18,7 +18,7 @@ def test_a_session_is_not_passive_by_the_energy_that_no_ledger_accounts_for() ->
         (1, (0.0,), None, True),
     ):
         nothing = np.zeros((3, people, 1))
-        trace = Trace(0.5, nothing, nothing, nothing, np.zeros((3, 1)), work, np.array([0.0, 0.1, 0.111]))
+        trace = SessionTrace(0.5, nothing, nothing, nothing, np.zeros((3, 1)), work, np.array([0.0, 0.1, 0.111]))
         session = {
             "seconds": 1.5, "passive": True,
             "users": [

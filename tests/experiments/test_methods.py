@@ -11,8 +11,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from cogrip.analysis import felt_probe as felt_module
-from cogrip.analysis.felt_probe import LOAD_N, Felt, balanced_loads, furthest_off, measure_felt
-from cogrip.analysis.trace import Trace, sketch
+from cogrip.analysis.felt_probe import LOAD_N, ProbedStiffness, balanced_loads, furthest_off, measure_felt
+from cogrip.analysis.trace import SessionTrace, sketch
 from cogrip.devices.registry import make
 from cogrip.experiments.experiment import Result, run_case
 from cogrip.experiments.methods.case import measure_case, run_session
@@ -114,7 +114,7 @@ def test_rest_is_judged_over_the_last_part_alone() -> None:
     position, force = np.zeros((frames, 2, 1)), np.zeros((ticks, 2, 1))
     position[: frames - round(LAST_S * 128), 1] = 0.1
     force[: ticks - round(LAST_S * 1024)] = 5.0
-    trace = Trace(1 / 128, force, position, position, position[:, 0], np.zeros(frames), np.zeros(frames))
+    trace = SessionTrace(1 / 128, force, position, position, position[:, 0], np.zeros(frames), np.zeros(frames))
     assert at_rest(trace) == (0.0, 0.0)
     assert created_at_rest_j(trace) == 0.0
     position[-1, 0] = 64e-3
@@ -289,7 +289,11 @@ def test_waves_feel_as_theory_says(compensate: bool, frames: int) -> None:
 
 
 def test_the_person_furthest_off() -> None:
-    near, far, none = Felt("near", 5000.0, 4500.0), Felt("far", 100.0, 80.0), Felt("none", 100.0, None)
+    near, far, none = (
+        ProbedStiffness("near", 5000.0, 4500.0),
+        ProbedStiffness("far", 100.0, 80.0),
+        ProbedStiffness("none", 100.0, None),
+    )
     assert (near.error_percent, far.error_percent) == (pytest.approx(-10.0), pytest.approx(-20.0))
     assert far.added_mm_per_n == pytest.approx(2.5)
     assert none.error_percent is None

@@ -12,7 +12,7 @@ from cogrip.experiments.methods import looks, plots
 from cogrip.experiments.methods.looks import style_of
 from cogrip.experiments.methods.measures import COLUMNS
 from cogrip.experiments.methods.plots import draw_all
-from cogrip.experiments.methods.query import Comparison, prepare
+from cogrip.experiments.methods.query import ComparisonQuery, prepare
 from cogrip.experiments.methods.table import gather, verdict
 from cogrip.protocol.settings.room import resolve
 from cogrip.results.plots.style import ALARM, COLOURS, INK, NotDrawnError, colour
@@ -22,12 +22,12 @@ from tests.extent import long
 METHODS = ("wave", "coupling")
 
 
-def made_up(people: int = 2, seeds: int = 2, methods: tuple[str, ...] = METHODS) -> Comparison:
+def made_up(people: int = 2, seeds: int = 2, methods: tuple[str, ...] = METHODS) -> ComparisonQuery:
     users = [{"name": f"p{number}", "stiffness_npm": 1000.0 * (1 + number % 2)} for number in range(people)]
     return prepare(resolve({"seconds": 4.0, "users": users}), methods, ["wan"], seeds)
 
 
-def results_of(asked: Comparison, **columns: Any) -> dict[int, Result]:
+def results_of(asked: ComparisonQuery, **columns: Any) -> dict[int, Result]:
     """Each column: (of the first method, of the second), on both networks and of all seeds."""
     found = {}
     for case in range(asked.cases):
@@ -40,7 +40,7 @@ def results_of(asked: Comparison, **columns: Any) -> dict[int, Result]:
     return found
 
 
-def draw(asked: Comparison, results: dict[int, Result], name: str) -> Figure | None:
+def draw(asked: ComparisonQuery, results: dict[int, Result], name: str) -> Figure | None:
     """Draw this plot and no other; None where there is nothing to draw."""
 
     def nothing(*_: Any) -> Figure:

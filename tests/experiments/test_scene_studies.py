@@ -7,7 +7,7 @@ from typing import Any
 import pytest
 
 from cogrip.cli.settings.settings_file import load
-from cogrip.experiments.methods.case import Job, measure_case
+from cogrip.experiments.methods.case import MethodJob, measure_case
 from cogrip.experiments.methods.method import OWN, methods_of
 from cogrip.experiments.methods.query import prepare
 from cogrip.experiments.sweep.grid import parse_axis
@@ -18,7 +18,7 @@ from cogrip.results.laboratory_run import run_laboratory
 from cogrip.results.plots import scene as scene_plots
 from cogrip.results.records import open_run
 from cogrip.results.report.page import draw_plots
-from cogrip.results.traces import Run, load_run
+from cogrip.results.traces import TracedRun, load_run
 from cogrip.results.verdict import passive, stable
 from cogrip.sim.laboratory import Laboratory
 
@@ -67,7 +67,7 @@ def test_the_curves_are_the_recorded_ones(folder: Path, blank: None) -> None:
 @pytest.mark.long
 def test_a_recording_of_an_earlier_version_says_what_is_missing(folder: Path, tmp_path: Path, blank: None) -> None:
     run = load_run(folder)
-    bare = Run(tmp_path, run.summary, run.settings, run.names, run.clients, None, ())
+    bare = TracedRun(tmp_path, run.summary, run.settings, run.names, run.clients, None, ())
     missing = {picture.heading: picture.missing for picture in draw_plots(bare)}
     assert missing["Bodies"] == "the recording holds no poses of bodies"
     assert missing["Contact forces and slip"] == "the recording holds no contact forces"
@@ -96,7 +96,7 @@ def case(method: str, *overrides: str) -> dict[str, Any]:
     hands = [f"users.{number}.hand={hand}" for number, hand in enumerate(still)]
     settings = load(LIFT, ["seconds=5.5", *hands, *overrides])
     asked = prepare(settings, [method], [OWN], 1)
-    return measure_case(Job(1, json.dumps(asked.base), method, OWN, asked.seeds[0], asked.rest_s, felt=True))
+    return measure_case(MethodJob(1, json.dumps(asked.base), method, OWN, asked.seeds[0], asked.rest_s, felt=True))
 
 
 def test_all_methods_but_the_papers_have_scenes() -> None:

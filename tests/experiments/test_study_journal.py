@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 
 from cogrip.experiments.study import journal
-from cogrip.experiments.study.conductor import Ended
+from cogrip.experiments.study.conductor import TrialEnded
 from cogrip.experiments.study.journal import (
     ANSWERS,
     RUNS,
@@ -21,7 +21,7 @@ from cogrip.experiments.study.journal import (
 from cogrip.experiments.study.staircase import Estimate
 from cogrip.experiments.study.study_file import StudyError
 from cogrip.experiments.study.table import StudyTable, thresholds, write_table
-from cogrip.experiments.study.trial import Event
+from cogrip.experiments.study.trial import TrialEvent
 from cogrip.machine.platform import system
 from cogrip.results.columns import NUMBER, Column
 
@@ -178,7 +178,7 @@ def test_what_people_typed_is_no_formula_in_a_spreadsheet(tmp_path: Path, typed:
 
 
 def test_failed_sessions_are_begun_again_and_three_in_a_row_end_the_day(tmp_path: Path) -> None:
-    failed = Ended(Event.FAILED, "the link was cut")
+    failed = TrialEnded(TrialEvent.FAILED, "the link was cut")
     outcome, folder = conducted(STUDY_OF_TWO, tmp_path / "twice", NoSessions([failed, failed]), [0])
     assert outcome.complete
     assert [line.reason for line in folder.trials if line.status == "failed"] == ["the link was cut"] * 2
@@ -188,7 +188,11 @@ def test_failed_sessions_are_begun_again_and_three_in_a_row_end_the_day(tmp_path
 
 
 def test_trial_is_repeated_or_abandoned_by_order(tmp_path: Path) -> None:
-    orders = [Ended(Event.REPEAT, "operator"), Ended(Event.ABANDON, "operator"), Ended(Event.PAUSE, "operator")]
+    orders = [
+        TrialEnded(TrialEvent.REPEAT, "operator"),
+        TrialEnded(TrialEvent.ABANDON, "operator"),
+        TrialEnded(TrialEvent.PAUSE, "operator"),
+    ]
     sessions = NoSessions(orders[:2])
     outcome, folder = conducted(STUDY_OF_TWO, tmp_path / "study", sessions, [0])
     assert (outcome.finished, outcome.abandoned) == (9, 1)

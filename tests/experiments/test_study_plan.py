@@ -14,7 +14,7 @@ from cogrip.experiments.study.plan import Done, next_trial, planned
 from cogrip.experiments.study.psychometric import TARGET, Answered, gaussian, weibull
 from cogrip.experiments.study.questions import AnswerError, Question, items_of
 from cogrip.experiments.study.staircase import Method, Staircase, estimate, next_level, unfit_staircase
-from cogrip.experiments.study.trial import TRANSITIONS, Event, TrialError, TrialState
+from cogrip.experiments.study.trial import TRANSITIONS, TrialError, TrialEvent, TrialState
 
 from tests.experiments.studies import PLAIN, parsed
 from tests.extent import every
@@ -205,7 +205,7 @@ def test_plan_is_a_function_of_what_is_done() -> None:
 
 def test_trial_follows_its_table_and_no_other() -> None:
     for state in ("waiting", "running", "asking", "paused", "finished", "abandoned"):
-        for event in Event:
+        for event in TrialEvent:
             trial = TrialState(1, ["P01"])
             trial.state = state  # type: ignore[assignment]
             if (state, event) in TRANSITIONS:
@@ -222,24 +222,24 @@ def test_trial_starts_when_everybody_is_ready_and_not_before() -> None:
     assert not trial.ready("somebody else")
     assert trial.ready("P02")
     assert trial.state == "running"
-    assert trial.handle(Event.ENDED) == "waiting", "the second interval"
+    assert trial.handle(TrialEvent.ENDED) == "waiting", "the second interval"
     assert not trial.ready("P02"), "everybody has to be ready again"
     assert trial.ready("P01")
-    assert trial.handle(Event.ENDED) == "asking"
+    assert trial.handle(TrialEvent.ENDED) == "asking"
     assert trial.attempt == 1
 
 
-@pytest.mark.parametrize("event", [Event.PAUSE, Event.REPEAT, Event.FAILED])
-def test_interrupted_session_is_another_attempt_from_the_first_interval_on(event: Event) -> None:
+@pytest.mark.parametrize("event", [TrialEvent.PAUSE, TrialEvent.REPEAT, TrialEvent.FAILED])
+def test_interrupted_session_is_another_attempt_from_the_first_interval_on(event: TrialEvent) -> None:
     trial = TrialState(2, ["P01"])
     trial.ready("P01")
-    trial.handle(Event.ENDED)
+    trial.handle(TrialEvent.ENDED)
     trial.ready("P01")
     trial.handle(event)
     assert (trial.attempt, trial.session) == (2, 0)
     waiting = TrialState(1, ["P01"])
-    waiting.handle(Event.PAUSE)
-    assert waiting.handle(Event.RESUME) == "waiting"
+    waiting.handle(TrialEvent.PAUSE)
+    assert waiting.handle(TrialEvent.RESUME) == "waiting"
     assert (waiting.attempt, waiting.pauses) == (1, 1), "nothing was lost"
 
 

@@ -21,7 +21,7 @@ from cogrip.experiments.runner import run_experiment
 from cogrip.experiments.sweep.grid import Axis, Grid, GridError, parse_axis
 from cogrip.experiments.sweep.measures import LIFTED, MeasureError, expanded, read
 from cogrip.experiments.sweep.picture import draw_measure
-from cogrip.experiments.sweep.query import MANIFEST, Job, measure_case, prepare
+from cogrip.experiments.sweep.query import MANIFEST, SweepJob, measure_case, prepare
 from cogrip.experiments.worker_pool import LocalWorkers
 from cogrip.protocol.settings.room import resolve
 from cogrip.protocol.settings.sections import Settings
@@ -179,7 +179,7 @@ def test_lifted_measures_need_no_session(tmp_path: Path) -> None:
 
 def test_a_case_that_fails_is_kept_as_failed_and_run_again(tmp_path: Path) -> None:
     class Failing(InProcess):
-        def run(self, measure: Measure, jobs: Sequence[Job], batch: int = 1) -> Iterator[Result]:
+        def run(self, measure: Measure, jobs: Sequence[SweepJob], batch: int = 1) -> Iterator[Result]:
             for job in jobs:
                 yield Result(job.case, {}, "broken") if job.case == 1 else run_case(measure, job)
 
@@ -191,7 +191,7 @@ def test_a_case_that_fails_is_kept_as_failed_and_run_again(tmp_path: Path) -> No
 
 
 def test_an_error_inside_a_case_is_its_result() -> None:
-    result = run_case(measure_case, Job(0, {"users": [{"name": "a", "device": "sim:nothing"}]}, {}, ("passive",)))
+    result = run_case(measure_case, SweepJob(0, {"users": [{"name": "a", "device": "sim:nothing"}]}, {}, ("passive",)))
     assert result.error.startswith("DeviceError")
 
 

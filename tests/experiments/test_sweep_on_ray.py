@@ -15,7 +15,7 @@ from cogrip.experiments.folder import CELLS, ExperimentFolder
 from cogrip.experiments.ray_cluster import ClusterError, RayWorkers
 from cogrip.experiments.runner import run_experiment
 from cogrip.experiments.sweep.grid import parse_axis
-from cogrip.experiments.sweep.query import Job, measure_case, prepare
+from cogrip.experiments.sweep.query import SweepJob, measure_case, prepare
 from cogrip.machine.stop import Stop
 from cogrip.protocol.settings.room import resolve
 
@@ -115,7 +115,7 @@ def test_a_killed_node_costs_no_case(cluster: Any, tmp_path: Path) -> None:
     assert sorted(row["cell"] for row in rows) == list(range(24))
     grid = sweep.grid
     for case in (0, 11, 23):
-        here = run_case(measure_case, Job(case, grid.base, grid.values(case), sweep.columns))
+        here = run_case(measure_case, SweepJob(case, grid.base, grid.values(case), sweep.columns))
         assert folder.finished[case].measures == here.measures
 
 

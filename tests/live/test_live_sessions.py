@@ -15,7 +15,7 @@ from cogrip.machine.compiled_files import form
 from cogrip.protocol.recording.reader import Follower, RecordingError, open_recording
 from cogrip.protocol.recording.records import Step
 from cogrip.protocol.wire.messages import HELLO_BYTES, PROTOCOL_VERSION
-from cogrip.results.replay.verify import Verdict, verify
+from cogrip.results.replay.verify import ReplayVerdict, verify
 from cogrip.results.traces import load_run
 from cogrip.server.checkpoint import decode
 from cogrip.server.io import checkpoint_file
@@ -55,7 +55,7 @@ def steps_in(runs: Path) -> int:
     return msgspec.json.decode(newest.payload, type=Step).step if newest else 0
 
 
-def replayed(runs: Path) -> dict[Path, Verdict]:
+def replayed(runs: Path) -> dict[Path, ReplayVerdict]:
     """Return the verdict on each recording below `runs`."""
     return {path: verify(open_recording(path)) for path in runs.glob("**/*.mcap")}
 

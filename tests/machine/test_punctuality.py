@@ -5,7 +5,7 @@ import dataclasses
 import pytest
 
 from cogrip.machine import punctuality
-from cogrip.machine.punctuality import ALL, PLAIN, Machine, Punctuality, advise
+from cogrip.machine.punctuality import ALL, PLAIN, MachineState, Punctuality, advise
 
 
 def found(p99_us, skipped=0, rate_hz=1024, setup=ALL, refused=None):
@@ -45,7 +45,7 @@ def test_a_row_is_measured_in_a_child_process():
     assert set(row.lateness_us) == {"p50", "p99", "p999", "max"}
 
 
-def quiet(**changed: object) -> Machine:
+def quiet(**changed: object) -> MachineState:
     whole = {"usable_cpus": 2, "load_1min": 0.1, "virtual": False, "governor": None, **changed}
     return dataclasses.replace(punctuality.examine(), **whole)
 

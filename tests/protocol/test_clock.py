@@ -8,7 +8,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from cogrip.protocol.wire.clock import DRIFT_PPM, MOST_RTT_NS, Clock
+from cogrip.protocol.wire.clock import DRIFT_PPM, MOST_RTT_NS, MessageClock
 from cogrip.protocol.wire.messages import Stamp
 
 MS = 1_000_000
@@ -17,9 +17,9 @@ FRAME_NS = 7_812_500
 AHEAD_NS = 10**15  # the far clock is by so much ahead
 
 
-def exchanged(directions: list[tuple[int, int]], ahead_ns: int = AHEAD_NS) -> Clock:
+def exchanged(directions: list[tuple[int, int]], ahead_ns: int = AHEAD_NS) -> MessageClock:
     """(there, back) one after another; the far end answers after 3 ms. The near end's clock."""
-    near, far, now_ns = Clock(), Clock(), 1_000 * MS
+    near, far, now_ns = MessageClock(), MessageClock(), 1_000 * MS
     for there, back in directions:
         asked = near.stamp(now_ns)
         now_ns += there
@@ -65,7 +65,7 @@ class Ends:
     """Two ends that send once a frame, over ways with jitter; the far clock goes wrong by `ppm`."""
 
     def __init__(self, ppm: float, way_ms: float, jitter_ms: float, seed: int) -> None:
-        self.near, self.far = Clock(), Clock()
+        self.near, self.far = MessageClock(), MessageClock()
         self.loss = self.twice = 0.0
         self.errors_ns: list[float] = []
         self._now_ns, self._ppm = 0, ppm
@@ -116,7 +116,7 @@ def test_a_drift_is_followed(ppm: int) -> None:
 
 
 def test_a_drift_beyond_all_crystals_is_noticed_and_begun_anew() -> None:
-    near = Clock()
+    near = MessageClock()
     for now_ns in range(FRAME_NS, 20_000 * FRAME_NS, FRAME_NS):
         ahead_ns = (
             AHEAD_NS + now_ns // 1_000
@@ -151,7 +151,7 @@ def test_loss_repetition_and_disorder_change_nothing_but_how_often_it_is_told() 
 
 
 def test_an_echo_tells_the_way_there_once() -> None:
-    near = Clock()
+    near = MessageClock()
     told = []
     for sent_ns, echo_ns, held_ns in ((100, 10, 0), (105, 10, 5), (110, 10, 10), (115, 20, 0), (112, 10, 12)):
         near.read(Stamp(sent_ns * MS, echo_ns * MS, held_ns * MS), (sent_ns + 50) * MS)
@@ -180,7 +180,7 @@ nanoseconds = st.integers(0, 2**63 - 1)
 )
 def test_whatever_a_peer_says_is_a_number_or_nothing(said: list[tuple[Stamp, int]]) -> None:
     """A implausible stamp is no reading: nothing of it is kept but that it was implausible."""
-    clock, now_ns, implausible = Clock(), 10**12, 0
+    clock, now_ns, implausible = MessageClock(), 10**12, 0
     for stamp, wait_ns in said:
         now_ns += wait_ns
         rtt_ns = clock.read(stamp, now_ns)
@@ -206,7 +206,7 @@ def test_an_implausible_stamp_moves_no_bound(implausible: Stamp) -> None:
 
 
 def test_no_echo_is_no_round_trip_and_one_that_was_overtaken_does_not_set_it_back() -> None:
-    clock = Clock()
+    clock = MessageClock()
     assert clock.stamp(5) == Stamp(5, 0, 0)
     for stamp in (Stamp(9), Stamp(8)):
         assert clock.read(stamp, 10) is None
@@ -227,7 +227,7 @@ def test_a_lie_that_could_be_true_is_forgotten_once_the_truth_is_told() -> None:
 
 def test_a_clock_at_the_end_of_its_range_contradicts_nothing() -> None:
     """In 64 bits its offset has no room for the drift that is allowed for."""
-    clock, now_ns = Clock(), 1_000 * MS
+    clock, now_ns = MessageClock(), 1_000 * MS
     clock.read(Stamp(2**63 - 1, 1, 0), now_ns)
     assert clock.read(Stamp(2**63 - 1, now_ns, 0), now_ns + MS) == MS
     assert clock.contradictions == 0

@@ -19,7 +19,7 @@ from cogrip.protocol.line.energy_sums import RESERVE_FRACTION, UNIT, Compensated
 from cogrip.protocol.line.receiver import LineReceiver
 from cogrip.protocol.line.sender import Frame, LineSender
 from cogrip.protocol.settings.room import resolve, seat_settings
-from cogrip.protocol.wire.clock import Clock
+from cogrip.protocol.wire.clock import MessageClock
 from cogrip.protocol.wire.messages import decode
 from cogrip.server.ports.seat_limits import SeatLimits
 from cogrip.server.ports.wave_port import WavePort
@@ -212,7 +212,7 @@ class Ends:
             speed = (wave[tick % len(wave)] / ROOT,)
             self.client.elapse(speed, speed)
         self.client.end_frame()
-        message = decode(self.client.message(1, Clock(), 0, (0.0,), (0.0,), (0.0,)))
+        message = decode(self.client.message(1, MessageClock(), 0, (0.0,), (0.0,), (0.0,)))
         assert self.port.receive(msgspec.structs.replace(message, made_j=message.made_j - hidden_j), 0)
         self.port.pop(1)
 

@@ -18,7 +18,7 @@ import msgspec
 import pytest
 
 from cogrip.protocol.io.recorder import RING_BYTES, Recorder, is_being_written, open_recorder, ring_for
-from cogrip.protocol.recording.reader import Message, RecordingError, open_recording
+from cogrip.protocol.recording.reader import RecordedMessage, RecordingError, open_recording
 from cogrip.protocol.recording.records import Clock, Gap
 
 from tests.protocol.test_recording_file import header
@@ -109,12 +109,12 @@ def numbers_in(path: Path, *, complete: bool | None = None) -> list[int]:
     return numbers
 
 
-def ours(path: Path) -> list[Message]:
+def ours(path: Path) -> list[RecordedMessage]:
     """Return all messages of the file but the clock's."""
     return [message for message in open_recording(path).messages() if message.topic != CLOCK]
 
 
-def gaps(messages: list[Message]) -> list[int]:
+def gaps(messages: list[RecordedMessage]) -> list[int]:
     """Return how many messages each gap stands for."""
     return [msgspec.json.decode(each.payload, type=Gap).messages for each in messages if each.topic == GAP]
 
@@ -134,8 +134,8 @@ def test_everything_that_is_put_is_in_the_file(start, words):
     recorder.put(COMMAND, 5000, b'{"verb":"leave"}')
     recorder.close()
     assert ours(recorder.path) == [
-        *(Message(EVENT, number, text(number)) for number in range(5000)),
-        Message(COMMAND, 5000, b'{"verb":"leave"}'),
+        *(RecordedMessage(EVENT, number, text(number)) for number in range(5000)),
+        RecordedMessage(COMMAND, 5000, b'{"verb":"leave"}'),
     ]
     recording = open_recording(recorder.path)
     list(recording.chunks())
@@ -198,7 +198,7 @@ def test_a_full_ring_costs_messages_that_are_counted_and_marked_at_their_place(s
         if message.topic == GAP:
             number += gaps([message])[0]
         else:
-            assert message == Message(EVENT, number, text(number)), "a gap stands where they are missing"
+            assert message == RecordedMessage(EVENT, number, text(number)), "a gap stands where they are missing"
             number += 1
     assert words == [TOO_SLOW], "said once"
 

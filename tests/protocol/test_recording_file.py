@@ -21,7 +21,7 @@ from mcap.writer import Writer
 from cogrip.protocol.drawing import Shape
 from cogrip.protocol.recording import reader
 from cogrip.protocol.recording.header import CHECK, FORMAT, NAME, Header, checksum, versions_here
-from cogrip.protocol.recording.reader import MOST_PACKED, Message, Recording, RecordingError, open_recording
+from cogrip.protocol.recording.reader import MOST_PACKED, RecordedMessage, Recording, RecordingError, open_recording
 from cogrip.protocol.recording.records import KINDS, Record
 from cogrip.protocol.recording.sink import encode, topics
 from cogrip.protocol.recording.writer import RecordingWriter
@@ -42,7 +42,9 @@ def header(kinds: Sequence[str] = KINDS_SMALL, **changes: Any) -> Header:
 
 
 def written(
-    header: Header, chunks: Sequence[Sequence[Message]], kind: Callable[[io.BytesIO, Header], Any] = RecordingWriter
+    header: Header,
+    chunks: Sequence[Sequence[RecordedMessage]],
+    kind: Callable[[io.BytesIO, Header], Any] = RecordingWriter,
 ) -> bytes:
     """A file with these chunks, or smaller ones where they are larger than a chunk may be."""
     stream = io.BytesIO()
@@ -59,7 +61,7 @@ class File(NamedTuple):
     """A file, what is in each of its chunks, and the bytes of each by an independent reader."""
 
     data: bytes
-    content: list[list[Message]]
+    content: list[list[RecordedMessage]]
     places: list[range]
 
 
@@ -68,7 +70,7 @@ def file_of(chunks: int, messages: int, seed: int) -> File:
     chance = Random(seed)
     content = [
         [
-            Message(chance.randrange(2), 1000 * chunk + number, b'{"text":"%030x"}' % chance.getrandbits(120))
+            RecordedMessage(chance.randrange(2), 1000 * chunk + number, b'{"text":"%030x"}' % chance.getrandbits(120))
             for number in range(messages)
         ]
         for chunk in range(chunks)
@@ -89,13 +91,13 @@ def path(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return tmp_path_factory.mktemp("recordings") / "client-anna.mcap"
 
 
-def read(path: Path, data: bytes) -> tuple[Recording, list[Message]]:
+def read(path: Path, data: bytes) -> tuple[Recording, list[RecordedMessage]]:
     path.write_bytes(data)
     recording = open_recording(path)
     return recording, list(recording.messages())
 
 
-def read_or_refused(path: Path, data: bytes) -> tuple[Recording | None, list[Message]]:
+def read_or_refused(path: Path, data: bytes) -> tuple[Recording | None, list[RecordedMessage]]:
     """Return `read`; None where the file is refused with an error that names it."""
     path.write_bytes(data)
     try:
@@ -127,7 +129,7 @@ def messages(draw: st.DrawFn) -> list[tuple[str, int, Record]]:
 def test_what_is_written_is_read_again_by_us_and_by_others(path, content, ends):
     """Messages of any kind and time, flushed anywhere: three readers agree, and every message fits its schema."""
     kinds = sorted(KINDS)
-    put = [Message(kinds.index(kind), time_ns, encode(record)) for kind, time_ns, record in content]
+    put = [RecordedMessage(kinds.index(kind), time_ns, encode(record)) for kind, time_ns, record in content]
     borders = [0, *sorted(end for end in ends if end < len(put)), len(put)]
     head = header(kinds)
     data = written(head, [put[start:end] for start, end in pairwise(borders)])
@@ -162,7 +164,7 @@ def test_a_follower_sees_what_was_flushed(path):
     path.write_bytes(SMALL.data[: SMALL.places[0].start])
     follower = reader.Follower(path)
     assert not follower.look()
-    done: list[Message] = []
+    done: list[RecordedMessage] = []
     for chunk, place in zip(SMALL.content, SMALL.places, strict=True):
         path.write_bytes(SMALL.data[: place.stop - 1])
         assert follower.look() == newest(done)
@@ -173,7 +175,7 @@ def test_a_follower_sees_what_was_flushed(path):
     assert follower.look() == newest(done)
 
 
-def newest(messages: Sequence[Message]) -> dict[str, Message]:
+def newest(messages: Sequence[RecordedMessage]) -> dict[str, RecordedMessage]:
     return {header().topics[message.topic]: message for message in messages}
 
 

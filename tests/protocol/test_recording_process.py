@@ -15,7 +15,7 @@ import pytest
 from msgspec.msgpack import Ext
 
 from cogrip.machine.ring import Ring, make_ring
-from cogrip.protocol.io.recording_process import MOST_HELD_BYTES, Task
+from cogrip.protocol.io.recording_process import MOST_HELD_BYTES, RecordingTask
 from cogrip.protocol.recording.reader import open_recording
 from cogrip.protocol.recording.records import Event
 from cogrip.protocol.recording.sink import pack
@@ -33,7 +33,7 @@ class Desk:
 
     path: Path
     ring: Ring
-    task: Task
+    task: RecordingTask
     put_messages: int = 0
 
     def put(self, messages: int, text_bytes: int = TEXT_BYTES) -> None:
@@ -59,7 +59,7 @@ def desk(tmp_path: Path) -> Iterator[Desk]:
     path.parent.mkdir()
     fd = os.open(path, os.O_RDWR | os.O_CREAT | os.O_EXCL)
     ring = make_ring(8 * 2**20)
-    yield Desk(path, ring, Task(ring, fd, {"path": str(path), "header": header(KINDS).metadata()}))
+    yield Desk(path, ring, RecordingTask(ring, fd, {"path": str(path), "header": header(KINDS).metadata()}))
     os.close(fd)
     ring.close()
 

@@ -5,7 +5,7 @@ from hypothesis import strategies as st
 
 from cogrip.protocol.drawing import Shape
 from cogrip.protocol.recording.records import KINDS, Event, Record
-from cogrip.protocol.recording.sink import CoreRecorder, Held, Nowhere, encode, pack, text_of
+from cogrip.protocol.recording.sink import CoreRecorder, HeldSink, Nowhere, encode, pack, text_of
 
 from tests.protocol.valid_values import valid
 
@@ -21,7 +21,7 @@ def test_the_text_of_a_packed_record_is_the_records_own(record: Record) -> None:
 
 
 def test_what_was_held_is_text_and_what_follows_as_the_sink_wants_it() -> None:
-    recorder, sink = CoreRecorder(), Held()
+    recorder, sink = CoreRecorder(), HeldSink()
     recorder.put(1, 0, Event("before"))
     recorder.record(sink, pack)
     recorder.put(2, 0, Event("after"))

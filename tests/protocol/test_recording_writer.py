@@ -21,7 +21,7 @@ from cogrip.protocol.io import recording_process
 from cogrip.protocol.io.recording_process import WholePieces
 from cogrip.protocol.recording import summary as summary_module
 from cogrip.protocol.recording.header import NAME, Header
-from cogrip.protocol.recording.reader import Message, Recording, open_recording
+from cogrip.protocol.recording.reader import RecordedMessage, Recording, open_recording
 from cogrip.protocol.recording.records import KINDS, kind_of
 from cogrip.protocol.recording.schema import json_schema
 from cogrip.protocol.recording.summary import HELD_BYTES, Spool
@@ -68,16 +68,24 @@ class LibraryWriter:
 long_payloads = st.builds(lambda text, times: text * times, st.binary(min_size=1, max_size=3), st.integers(0, 40_000))
 payloads = st.one_of(st.binary(max_size=60), long_payloads)
 some_messages = st.lists(
-    st.builds(Message, st.integers(0, 2), st.integers(-EPOCH_NS, 2**63 - 1 - EPOCH_NS), payloads), max_size=30
+    st.builds(RecordedMessage, st.integers(0, 2), st.integers(-EPOCH_NS, 2**63 - 1 - EPOCH_NS), payloads), max_size=30
 )
 
 
 @settings(max_examples=100)
 @given(some_messages, st.sets(st.integers(0, 30)), st.integers(1, 400))
 @example([], {0}, 1)
-@example([Message(0, 0, b"")], {0, 1}, 1)
-@example([Message(0, 0, b""), *[Message(0, 1, bytes(CHUNK_BYTES // 2 - 31))] * 2, Message(0, 1, b"")], {1}, 1)
-@example([Message(2, -EPOCH_NS, b"x" * CHUNK_BYTES), Message(1, 5, b"")], set(), 1)
+@example([RecordedMessage(0, 0, b"")], {0, 1}, 1)
+@example(
+    [
+        RecordedMessage(0, 0, b""),
+        *[RecordedMessage(0, 1, bytes(CHUNK_BYTES // 2 - 31))] * 2,
+        RecordedMessage(0, 1, b""),
+    ],
+    {1},
+    1,
+)
+@example([RecordedMessage(2, -EPOCH_NS, b"x" * CHUNK_BYTES), RecordedMessage(1, 5, b"")], set(), 1)
 def test_a_file_is_what_the_library_would_write(content, ends, held_bytes):
     """Whatever is written and wherever it is flushed, and however early what is kept goes to its file."""
     borders = [0, *sorted(end for end in ends if end < len(content)), len(content)]
@@ -89,7 +97,7 @@ def test_a_file_is_what_the_library_would_write(content, ends, held_bytes):
 
 @pytest.mark.parametrize("kinds", [(), ("event",), ("datagram_in", "datagram_out"), tuple(KINDS)])
 def test_topics_of_one_kind_share_a_schema_as_the_library_has_it(kinds):
-    chunks = [[Message(number, number, b"{}")] for number in range(len(kinds))]
+    chunks = [[RecordedMessage(number, number, b"{}")] for number in range(len(kinds))]
     assert written(header(kinds), chunks) == written(header(kinds), chunks, LibraryWriter)
 
 

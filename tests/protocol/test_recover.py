@@ -15,11 +15,11 @@ from mcap.reader import make_reader
 from cogrip.protocol.recording import recover as recover_module
 from cogrip.protocol.recording.derived import DERIVED
 from cogrip.protocol.recording.folder import recordings_of
-from cogrip.protocol.recording.reader import MAGIC, Message, Recording, RecordingError, open_recording
+from cogrip.protocol.recording.reader import MAGIC, RecordedMessage, Recording, RecordingError, open_recording
 from cogrip.protocol.recording.records import Gap, kind_of
 from cogrip.protocol.recording.recover import Recovered, recover
 from cogrip.protocol.recording.writer import RecordingWriter
-from cogrip.results.replay.verify import Verdict, verify
+from cogrip.results.replay.verify import ReplayVerdict, verify
 
 from tests.extent import every
 
@@ -36,10 +36,10 @@ class Chunk:
 
     start: int
     end: int
-    messages: tuple[Message, ...]
+    messages: tuple[RecordedMessage, ...]
 
 
-def own(recording: Recording, messages: Iterable[Message]) -> list[Message]:
+def own(recording: Recording, messages: Iterable[RecordedMessage]) -> list[RecordedMessage]:
     """Return the messages but for those that are derived of others, which are made anew."""
     return [message for message in messages if kind_of(recording.topics[message.topic]) not in DERIVED]
 
@@ -62,7 +62,7 @@ CHUNKS = {path: chunks_of(path) for path in FILES}
 files = st.sampled_from(FILES)
 
 
-def messages_of(path: Path) -> list[Message]:
+def messages_of(path: Path) -> list[RecordedMessage]:
     recording = open_recording(path)
     return own(recording, recording.messages())
 
@@ -77,11 +77,11 @@ def gaps_of(path: Path) -> list[tuple[int, Gap]]:
     ]
 
 
-def joined(chunks: Sequence[Chunk]) -> list[Message]:
+def joined(chunks: Sequence[Chunk]) -> list[RecordedMessage]:
     return [message for chunk in chunks for message in chunk.messages]
 
 
-def played(path: Path) -> Verdict:
+def played(path: Path) -> ReplayVerdict:
     """Return the verdict of a replay; skip files of other processors, whose last bits differ."""
     recording = open_recording(path)
     if recording.header.versions.machine != platform.machine():
@@ -89,7 +89,7 @@ def played(path: Path) -> Verdict:
     return verify(recording)
 
 
-def ticks_in(source: Path, messages: Sequence[Message]) -> int:
+def ticks_in(source: Path, messages: Sequence[RecordedMessage]) -> int:
     """Return the ticks of a client, or the steps of a server, those of deserted rooms too."""
     kinds = [kind_of(topic) for topic in open_recording(source).topics]
     inputs = [msgspec.json.decode(each.payload) for each in messages if kinds[each.topic] == "input"]
@@ -121,7 +121,7 @@ def saved(source: Path, data: bytes, folder: Path) -> Recovered:
     return found
 
 
-def write(path: Path, recording: Recording, messages: Sequence[Message], cut: bool | None) -> None:
+def write(path: Path, recording: Recording, messages: Sequence[RecordedMessage], cut: bool | None) -> None:
     """Write a file with these messages of a recording; cut: whether it is closed as cut, None: it is not closed."""
     with path.open("wb") as file:
         writer = RecordingWriter(file, recording.header)

@@ -5,7 +5,7 @@ from hypothesis import strategies as st
 
 from cogrip.protocol.line.sender import LineSender
 from cogrip.protocol.line.waves_encoding import encode_waves
-from cogrip.protocol.wire.clock import Clock
+from cogrip.protocol.wire.clock import MessageClock
 from cogrip.protocol.wire.handle import MOST_AGE, MOST_BUTTONS, MOST_EDGES, Handle
 from cogrip.protocol.wire.messages import Stamp, Waves, encode
 
@@ -32,7 +32,7 @@ def test_the_bytes_are_those_of_the_message(data: st.DataObject) -> None:
     sender, row = LineSender(axes, redundancy), st.tuples(*[NUMBERS] * axes)
     for wave in data.draw(st.lists(row, min_size=1, max_size=30)):
         sender.push(wave)
-    clock, now_ns = Clock(), data.draw(TIME_NS)
+    clock, now_ns = MessageClock(), data.draw(TIME_NS)
     if data.draw(st.booleans()):
         clock.read(Stamp(data.draw(TIME_NS), 0, 0), now_ns - data.draw(st.integers(0, min(now_ns, 10**10))))
     state = data.draw(st.lists(NUMBERS, min_size=2, max_size=18).map(tuple))

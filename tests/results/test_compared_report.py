@@ -21,7 +21,7 @@ from cogrip.results.comparison import (
     MOST_RUNS,
     NOT_SET,
     ComparisonError,
-    Difference,
+    RunDifference,
     check_comparable,
     differences,
     differences_of_runs,
@@ -33,7 +33,7 @@ from cogrip.results.plots import compared as plots
 from cogrip.results.plots.style import colour, shade
 from cogrip.results.report.compared import compare, is_comparison, write_comparison
 from cogrip.results.report.page import render
-from cogrip.results.traces import Columns, Run, Trace, load_run
+from cogrip.results.traces import Columns, EndTrace, TracedRun, load_run
 
 from tests.results.reported_runs import SETTINGS as TWO_SECONDS
 from tests.results.reported_runs import Page, assert_self_contained
@@ -69,12 +69,12 @@ def folders(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Path]:
 
 
 @pytest.fixture(scope="module")
-def runs(folders: dict[str, Path]) -> dict[str, Run]:
+def runs(folders: dict[str, Path]) -> dict[str, TracedRun]:
     return {name: load_run(folder) for name, folder in folders.items()}
 
 
 @pytest.fixture(scope="module")
-def page_of_three(blank: None, runs: dict[str, Run]) -> str:
+def page_of_three(blank: None, runs: dict[str, TracedRun]) -> str:
     return compare([runs[name] for name in THREE], THREE)
 
 
@@ -93,7 +93,7 @@ def spoilt(folder: Path, base: Path, *missing: str) -> Path:
     return copy
 
 
-def row_of(rows: list[Difference], who: str, key: str) -> Difference:
+def row_of(rows: list[RunDifference], who: str, key: str) -> RunDifference:
     return next(row for row in rows if (row.who, row.quantity.key) == (who, key))
 
 
@@ -103,7 +103,7 @@ def text_of(page: str) -> str:
     return unescape(re.sub(r"\s+", " ", bare))
 
 
-def test_numbers_are_those_of_the_summaries_and_differences_their_differences(runs: dict[str, Run]) -> None:
+def test_numbers_are_those_of_the_summaries_and_differences_their_differences(runs: dict[str, TracedRun]) -> None:
     summaries = [runs["first"].summary, runs["soft"].summary]
     rows = differences(summaries)
     peak = row_of(rows, "anna", "peak_force_n")
@@ -118,7 +118,7 @@ def test_numbers_are_those_of_the_summaries_and_differences_their_differences(ru
     assert {row.who for row in rows} == {"", "anna", "ben"}
 
 
-def test_the_same_run_again_differs_in_nothing(runs: dict[str, Run]) -> None:
+def test_the_same_run_again_differs_in_nothing(runs: dict[str, TracedRun]) -> None:
     rows = differences([runs["first"].summary, runs["again"].summary])
     assert {row.shown_change(1) for row in rows if row.values[0] is not None} == {"="}
     assert settings_differences([runs["first"].settings, runs["again"].settings]) == []
@@ -154,7 +154,7 @@ def test_no_summary_is_too_strange(summaries: list[dict[str, Any]]) -> None:
 
 @given(first=st.floats(1e-3, 1e3), change=st.floats(-1e3, 1e3))
 def test_a_difference_has_the_sign_of_the_change(first: float, change: float) -> None:
-    row = Difference("anna", differences([{"users": [{"name": "anna"}]}] * 2)[2].quantity, (first, first + change))
+    row = RunDifference("anna", differences([{"users": [{"name": "anna"}]}] * 2)[2].quantity, (first, first + change))
     shown = row.shown_change(1)
     moved = (first + change) - first
     assert shown[0] == ("=" if not moved else "+" if moved > 0.0 else "−")
@@ -183,7 +183,7 @@ def test_exactly_what_was_changed_differs_by_the_name_that_set_has_for_it(change
 
 
 @pytest.mark.usefixtures("undrawn")
-def test_settings_are_rounded_for_people_and_say_whose_they_are(runs: dict[str, Run]) -> None:
+def test_settings_are_rounded_for_people_and_say_whose_they_are(runs: dict[str, TracedRun]) -> None:
     """JSON stays exact; a page has six digits. A value that a user does not set is as in its section."""
     first = runs["first"]
     users = [{"name": "anna", "stiffness_npm": None, "force_n": None}]
@@ -196,7 +196,7 @@ def test_settings_are_rounded_for_people_and_say_whose_they_are(runs: dict[str, 
     assert "users.0.force_n not set 1.5" in page
 
 
-def test_a_person_more_is_a_difference(runs: dict[str, Run]) -> None:
+def test_a_person_more_is_a_difference(runs: dict[str, TracedRun]) -> None:
     rows = {row.key: row.values for row in settings_differences([runs["anna alone"].settings, runs["first"].settings])}
     assert rows["users.1.name"] == (NOT_SET, "ben")
 
@@ -213,7 +213,7 @@ def test_a_person_more_is_a_difference(runs: dict[str, Run]) -> None:
         (["first"] * (MOST_RUNS + 1), f"name 2 to {MOST_RUNS}"),
     ],
 )
-def test_what_cannot_be_compared_is_refused(runs: dict[str, Run], names: list[str], said: str) -> None:
+def test_what_cannot_be_compared_is_refused(runs: dict[str, TracedRun], names: list[str], said: str) -> None:
     with pytest.raises(ComparisonError, match=re.escape(said)):
         compare([runs[name] for name in names], names)
 
@@ -228,12 +228,12 @@ def test_what_cannot_be_compared_is_refused(runs: dict[str, Run], names: list[st
         (["first"] * MOST_RUNS, ["anna", "ben"]),
     ],
 )
-def test_what_can_be_compared_is(runs: dict[str, Run], names: list[str], common: list[str]) -> None:
+def test_what_can_be_compared_is(runs: dict[str, TracedRun], names: list[str], common: list[str]) -> None:
     assert check_comparable([runs[name] for name in names], names) == common
 
 
 def test_what_is_not_known_is_no_reason_to_refuse(
-    folders: dict[str, Path], runs: dict[str, Run], tmp_path: Path
+    folders: dict[str, Path], runs: dict[str, TracedRun], tmp_path: Path
 ) -> None:
     """Without settings the recordings tell the axes, but not the kind of the object."""
     axes, first = (load_run(spoilt(folders[name], tmp_path, "settings.json")) for name in ("axes", "first"))
@@ -253,12 +253,12 @@ def test_the_page_has_everything_and_fetches_nothing(page_of_three: str) -> None
     assert len(set(re.findall(r'style="color:(#\w+)"', page))) == 3
 
 
-def test_the_same_runs_give_the_same_page(runs: dict[str, Run], page_of_three: str) -> None:
+def test_the_same_runs_give_the_same_page(runs: dict[str, TracedRun], page_of_three: str) -> None:
     assert compare([runs[name] for name in THREE], THREE) == page_of_three
 
 
 @pytest.mark.usefixtures("undrawn")
-def test_people_who_are_not_everywhere_are_left_out_and_named(runs: dict[str, Run]) -> None:
+def test_people_who_are_not_everywhere_are_left_out_and_named(runs: dict[str, TracedRun]) -> None:
     page = compare([runs["first"], runs["ben and carl"]], ["a", "b"])
     assert "Not in all runs, so left out: anna, carl." in text_of(page)
     assert re.findall(r"<tr class=group><th>(.*?)</th>", page) == ["object and run", "ben"]
@@ -269,7 +269,7 @@ def test_people_who_are_not_everywhere_are_left_out_and_named(runs: dict[str, Ru
     [(["server.mcap", "settings.json"], "The settings of b are not known."), (["*.mcap"], "no recording")],
 )
 def test_what_is_missing_of_one_run_is_said(
-    folders: dict[str, Path], runs: dict[str, Run], tmp_path: Path, missing: list[str], said: str
+    folders: dict[str, Path], runs: dict[str, TracedRun], tmp_path: Path, missing: list[str], said: str
 ) -> None:
     page = compare([runs["first"], load_run(spoilt(folders["soft"], tmp_path, *missing))], ["a", "b"])
     assert said in text_of(page)
@@ -284,7 +284,9 @@ def test_without_any_recording_there_are_words_in_place_of_plots(folders: dict[s
 
 
 @pytest.mark.usefixtures("undrawn")
-def test_every_text_from_outside_is_escaped(folders: dict[str, Path], runs: dict[str, Run], tmp_path: Path) -> None:
+def test_every_text_from_outside_is_escaped(
+    folders: dict[str, Path], runs: dict[str, TracedRun], tmp_path: Path
+) -> None:
     folder = spoilt(folders["first"], tmp_path)
     files = {name: folder / f"{name}.json" for name in ("summary", "settings")}
     summary, settings = (json.loads(file.read_text()) for file in files.values())
@@ -336,10 +338,10 @@ def test_a_comparison_is_replaced_by_runs_that_can_be_compared_and_nothing_else_
         assert before == (other.read_bytes() if other.is_file() else None)
 
 
-def test_a_long_run_is_drawn_in_detail_too(runs: dict[str, Run]) -> None:
+def test_a_long_run_is_drawn_in_detail_too(runs: dict[str, TracedRun]) -> None:
     """A second drawn out over half a minute."""
 
-    def lasting(seconds: float) -> Run:
+    def lasting(seconds: float) -> TracedRun:
         def slowed(trace: Any) -> Any:
             return replace(trace, columns={**trace.columns, "time_s": seconds * trace.columns["time_s"]})
 
@@ -359,7 +361,7 @@ def test_a_long_run_is_drawn_in_detail_too(runs: dict[str, Run]) -> None:
     assert end - start == pytest.approx(5.0)
 
 
-def test_curves_are_those_of_the_recordings(runs: dict[str, Run]) -> None:
+def test_curves_are_those_of_the_recordings(runs: dict[str, TracedRun]) -> None:
     """A row for each person in their colour, then the object; the first run is broad and pale, the last fine and full."""
     pair = [runs["first"], runs["soft"]]
     positions, forces, _ = (plot.draw() for plot in plots.compared_plots(pair, ["a", "b"], ["anna", "ben"]))
@@ -379,7 +381,7 @@ def test_curves_are_those_of_the_recordings(runs: dict[str, Run]) -> None:
 
 @pytest.mark.parametrize("name", ["first", "spring"])
 def test_the_reserve_of_the_whole_line_is_never_below_the_least_that_the_summary_says(
-    runs: dict[str, Run], name: str
+    runs: dict[str, TracedRun], name: str
 ) -> None:
     run = runs[name]
     for number, who in enumerate(("anna", "ben")):
@@ -389,7 +391,7 @@ def test_the_reserve_of_the_whole_line_is_never_below_the_least_that_the_summary
 
 
 @pytest.mark.usefixtures("undrawn")
-def test_runs_of_unequal_length_are_compared_over_what_all_have(runs: dict[str, Run]) -> None:
+def test_runs_of_unequal_length_are_compared_over_what_all_have(runs: dict[str, TracedRun]) -> None:
     """The first quarter of a run differs in nothing from that run, though its totals are far smaller."""
     whole = runs["first"]
     part = cut_at(whole, 0.25)
@@ -406,7 +408,7 @@ def test_runs_of_unequal_length_are_compared_over_what_all_have(runs: dict[str, 
 
 
 @pytest.mark.parametrize("name", ["first", "spring"])
-def test_over_its_whole_length_a_run_tells_what_its_summary_does(runs: dict[str, Run], name: str) -> None:
+def test_over_its_whole_length_a_run_tells_what_its_summary_does(runs: dict[str, TracedRun], name: str) -> None:
     run = runs[name]
     found = differences([run.summary, summary_of_first(run, 1.0)])
     known = [row for row in found if row.values[1] is not None]
@@ -419,19 +421,19 @@ def test_over_its_whole_length_a_run_tells_what_its_summary_does(runs: dict[str,
 
 @pytest.mark.parametrize(("seconds", "stretch_s"), [(0.992, None), (0.988, 0.988)])
 def test_lengths_that_hardly_differ_are_taken_as_equal(
-    runs: dict[str, Run], seconds: float, stretch_s: float | None
+    runs: dict[str, TracedRun], seconds: float, stretch_s: float | None
 ) -> None:
     found = common_stretch_s([runs["first"], cut_at(runs["first"], seconds)])
     assert found == (stretch_s and pytest.approx(stretch_s, abs=1 / 128))
 
 
-def cut_at(run: Run, seconds: float) -> Run:
+def cut_at(run: TracedRun, seconds: float) -> TracedRun:
     """Return a run as if it had ended by then, with the summary of the whole."""
 
-    def part(trace: Trace) -> Trace:
+    def part(trace: EndTrace) -> EndTrace:
         columns, rows = Columns(), int(np.searchsorted(trace.time_s, seconds))
         columns.extend({name: values[:rows] for name, values in trace.columns.items()})
-        return Trace(trace.who, trace.rate_hz, columns, rows)
+        return EndTrace(trace.who, trace.rate_hz, columns, rows)
 
     return replace(run, clients={who: part(each) for who, each in run.clients.items()}, room=part(run.room))
 
@@ -446,6 +448,6 @@ def cut_at(run: Run, seconds: float) -> Run:
     ],
 )
 @pytest.mark.usefixtures("undrawn")
-def test_backticks_make_code_and_nothing_else(runs: dict[str, Run], note: str, html: str) -> None:
+def test_backticks_make_code_and_nothing_else(runs: dict[str, TracedRun], note: str, html: str) -> None:
     page = compare([runs["first"], runs["again"]], ["a", "b"], [note])
     assert html in page

@@ -14,7 +14,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from cogrip.protocol.recording.header import Header
-from cogrip.protocol.recording.reader import Message, RecordingError, open_recording
+from cogrip.protocol.recording.reader import RecordedMessage, RecordingError, open_recording
 from cogrip.protocol.recording.records import Clock, kind_of
 from cogrip.protocol.recording.recover import recover
 from cogrip.protocol.recording.sink import encode
@@ -192,7 +192,7 @@ def test_one_wrong_anchor_among_many_is_outvoted(whole: Path, tmp_path: Path) ->
     folders = parts(whole, tmp_path, Machine(ahead_ns=77 * MS), Machine())
     off_ns = iter([10**12, *[0] * len(ANCHORS_AT)])  # the first one is wrong
 
-    def wrong(kind: str, message: Message) -> bytes:
+    def wrong(kind: str, message: RecordedMessage) -> bytes:
         if kind != "clock":
             return message.payload
         anchor = msgspec.json.decode(message.payload, type=Clock)

@@ -20,7 +20,7 @@ from scipy import signal  # type: ignore[import-untyped]
 from cogrip.analysis.figures import wall_contact
 from cogrip.analysis.figures.decimators import decimator_page
 from cogrip.analysis.figures.feel import feel_page
-from cogrip.analysis.figures.page import Page
+from cogrip.analysis.figures.page import FigurePage
 from cogrip.analysis.figures.paper_regions import paper_settings
 from cogrip.analysis.figures.region import region_page
 from cogrip.analysis.linear_session import linear_session
@@ -42,9 +42,9 @@ from cogrip.results.plots.spectra import correlation_near, cross_densities
 from cogrip.results.plots.style import COLOURS, NotDrawnError, colour, person_style
 from cogrip.results.report.compared import compare
 from cogrip.results.report.page import render
-from cogrip.results.traces import Run, load_run
+from cogrip.results.traces import TracedRun, load_run
 
-from tests.results.reported_runs import Page as Tags
+from tests.results.reported_runs import FigurePage as Tags
 
 NAMED = re.compile(r"\S.* \[\S.*\]", re.DOTALL)
 CROWDS = (1, 2, 8)
@@ -53,7 +53,7 @@ RADIUS = "lifted.radius_without_structural"
 
 
 @cache
-def fig5() -> Page:
+def fig5() -> FigurePage:
     """Draw the wall of short contacts: what they measure is no matter of the picture."""
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(wall_contact, "SECONDS", 1.3)
@@ -61,7 +61,7 @@ def fig5() -> Page:
 
 
 @pytest.fixture(scope="module")
-def crowds(tmp_path_factory: pytest.TempPathFactory) -> dict[int, Run]:
+def crowds(tmp_path_factory: pytest.TempPathFactory) -> dict[int, TracedRun]:
     """Runs of so many people; of two of them along three axes."""
     found = {}
     for people in CROWDS:
@@ -75,7 +75,7 @@ def crowds(tmp_path_factory: pytest.TempPathFactory) -> dict[int, Run]:
 
 
 @pytest.fixture(scope="module")
-def drawn_of(crowds: dict[int, Run]) -> dict[int, dict[str, Figure]]:
+def drawn_of(crowds: dict[int, TracedRun]) -> dict[int, dict[str, Figure]]:
     """Every plot of these runs, by its name."""
     found: dict[int, dict[str, Figure]] = {people: {} for people in crowds}
     for people, plot in product(crowds, PLOTS):
@@ -125,7 +125,7 @@ def test_every_plot_of_a_run_could_stand_in_a_paper(drawn_of: dict[int, dict[str
             check(figure)
 
 
-def test_the_same_run_gives_the_same_picture(crowds: dict[int, Run], monkeypatch: pytest.MonkeyPatch) -> None:
+def test_the_same_run_gives_the_same_picture(crowds: dict[int, TracedRun], monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(style, "DPI", 30)
     (plot,) = (plot for plot in PLOTS if plot.name == "waves")
     drawn, again = (style.png(plot.draw(crowds[1])) for _ in range(2))
@@ -157,7 +157,7 @@ def test_a_bar_at_the_head_stands_while_a_button_is_down(tmp_path: Path) -> None
 @pytest.mark.sample(1)
 @pytest.mark.parametrize("people", CROWDS)
 def test_a_person_has_one_colour_and_one_marker_everywhere(
-    crowds: dict[int, Run], drawn_of: dict[int, dict[str, Figure]], people: int
+    crowds: dict[int, TracedRun], drawn_of: dict[int, dict[str, Figure]], people: int
 ) -> None:
     run = crowds[people]
     looks = [
@@ -193,7 +193,7 @@ def test_people_are_told_apart_in_grey_print() -> None:
     ids=["fig5", "decimators", "feel", "region"],
 )
 def test_every_figure_could_stand_in_a_paper(make: Any) -> None:
-    page: Page = make()
+    page: FigurePage = make()
     check(page.figure)
 
 
@@ -284,7 +284,7 @@ def test_the_radius_without_structural_is_what_advise_tells() -> None:
     assert radius < 1.0 == LIFTED["lifted.spectral_radius"](settings)
 
 
-def test_every_table_can_be_scrolled_and_wraps(crowds: dict[int, Run], monkeypatch: pytest.MonkeyPatch) -> None:
+def test_every_table_can_be_scrolled_and_wraps(crowds: dict[int, TracedRun], monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(style, "DPI", 30)  # the pictures are not looked at
     run = crowds[1]
     for page in (render(run, []), compare([run] * 3, ["a", "b", "a name-that-is-long" * 5])):
@@ -294,7 +294,7 @@ def test_every_table_can_be_scrolled_and_wraps(crowds: dict[int, Run], monkeypat
         assert "table" in {tag for tag, _ in Tags(page).tags}
 
 
-def test_a_report_names_the_version_that_ran_the_run(crowds: dict[int, Run]) -> None:
+def test_a_report_names_the_version_that_ran_the_run(crowds: dict[int, TracedRun]) -> None:
     run, here = crowds[2], versions_here()
     assert run.versions == (f"cogrip {VERSION}, Python {here.python}, numpy {here.numpy}, {here.machine}",)
     assert f"Run by cogrip {VERSION}, Python {here.python}, " in render(run, [])
@@ -304,13 +304,13 @@ def test_a_report_names_the_version_that_ran_the_run(crowds: dict[int, Run]) -> 
 
 
 @pytest.mark.parametrize(("state", "said"), [("live", "12.0"), ("idle", "12.0 (let go)")])
-def test_where_a_hand_was_after_it_let_go_is_named_so(crowds: dict[int, Run], state: str, said: str) -> None:
+def test_where_a_hand_was_after_it_let_go_is_named_so(crowds: dict[int, TracedRun], state: str, said: str) -> None:
     summary = json.loads(json.dumps(crowds[1].summary))
     summary["users"][0] |= {"position_m": [0.012], "state": state}
     assert f"<td>{said}</td>" in render(replace(crowds[1], summary=summary), [])
 
 
-def test_skipped_ticks_are_a_count(crowds: dict[int, Run], tmp_path: Path) -> None:
+def test_skipped_ticks_are_a_count(crowds: dict[int, TracedRun], tmp_path: Path) -> None:
     run = crowds[2]
     told = {"late_us": 3.0, "work_us": 5.0, "skipped": 28.0}
     clients: dict[str, Any] = {

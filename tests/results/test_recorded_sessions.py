@@ -13,7 +13,7 @@ from cogrip.protocol.recording.reader import open_recording
 from cogrip.protocol.recording.records import kind_of
 from cogrip.protocol.settings.room import resolve
 from cogrip.results.laboratory_run import run_laboratory
-from cogrip.results.replay.comparison import Comparison
+from cogrip.results.replay.comparison import ReplayComparison
 from cogrip.results.replay.verify import verify
 
 RECORDINGS = Path(__file__).resolve().parents[1] / "recordings"
@@ -44,7 +44,7 @@ def test_the_laboratory_still_comes_to_the_same_numbers(tmp_path):
     run_laboratory(resolve(table), tmp_path)
     for name in ("client-anna.mcap", "client-ben.mcap", "server.mcap"):
         old, new = open_recording(RECORDINGS / "laboratory" / name), open_recording(tmp_path / name)
-        comparison = Comparison(old.topics)
+        comparison = ReplayComparison(old.topics)
         for message in old.messages():
             if kind_of(old.topics[message.topic]) not in DERIVED:
                 comparison.expect(message)

@@ -8,7 +8,7 @@ import msgspec
 import numpy as np
 import pytest
 
-from cogrip.protocol.recording.reader import Message
+from cogrip.protocol.recording.reader import RecordedMessage
 from cogrip.protocol.recording.records import Tick
 from cogrip.protocol.recording.sink import encode
 from cogrip.protocol.settings.room import resolve
@@ -61,7 +61,7 @@ def test_live_loops_are_drawn(folder: Path, monkeypatch: pytest.MonkeyPatch) -> 
     monkeypatch.setattr(registry, "PLOTS", [plot for plot in registry.PLOTS if plot.name == "loops"])
     late_us = iter(np.geomspace(1.0, 900.0, 2048).round().astype(int).tolist())
 
-    def of_a_live_loop(kind: str, message: Message) -> bytes:
+    def of_a_live_loop(kind: str, message: RecordedMessage) -> bytes:
         if kind != "tick":
             return message.payload
         tick = msgspec.json.decode(message.payload, type=Tick)

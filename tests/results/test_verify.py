@@ -10,7 +10,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from cogrip.cli.settings.settings_file import load
-from cogrip.protocol.recording.reader import Damage, Message, RecordingError, open_recording
+from cogrip.protocol.recording.reader import Damage, RecordedMessage, RecordingError, open_recording
 from cogrip.protocol.recording.records import KINDS, kind_of
 from cogrip.protocol.settings.coupling_kinds import COUPLING_KINDS
 from cogrip.protocol.settings.room import rates_of, resolve
@@ -18,7 +18,7 @@ from cogrip.protocol.settings.sections import Settings
 from cogrip.results.folder import client_recording
 from cogrip.results.laboratory_run import run_laboratory
 from cogrip.results.replay.comparison import NOTHING
-from cogrip.results.replay.verify import Verdict, verify
+from cogrip.results.replay.verify import ReplayVerdict, verify
 
 from tests.extent import every
 from tests.recording_files import rewrite
@@ -50,14 +50,14 @@ COUPLINGS: dict[str, tuple[str, ...]] = {
 }
 
 
-def verdicts_of(world: Settings, folder: Path) -> dict[str, Verdict]:
+def verdicts_of(world: Settings, folder: Path) -> dict[str, ReplayVerdict]:
     """Run it in the laboratory, and verify what is left."""
     folder.mkdir(exist_ok=True)
     run_laboratory(world, folder)
     return {path.name: verify(open_recording(path)) for path in folder.glob("*.mcap")}
 
 
-def is_exact(world: Settings, verdicts: dict[str, Verdict]) -> None:
+def is_exact(world: Settings, verdicts: dict[str, ReplayVerdict]) -> None:
     assert len(verdicts) == 1 + len(world.users)
     for file, verdict in verdicts.items():
         assert verdict.exact, (file, verdict.difference, verdict.hole)
@@ -125,7 +125,7 @@ def test_one_seed_gives_the_same_bytes(tmp_path: Path) -> None:
         assert path.read_bytes() == (tmp_path / "b" / path.name).read_bytes()
 
 
-def as_before(kind: str, message: Message) -> bytes:
+def as_before(kind: str, message: RecordedMessage) -> bytes:
     """Return a message as an earlier cogrip wrote it: fields at their defaults left out."""
     table = json.loads(message.payload)
     defaults = {field.name: field.default for field in msgspec.structs.fields(KINDS[kind])}
@@ -137,7 +137,7 @@ def test_files_that_leave_out_defaults_play_again_and_what_differs_in_them_is_fo
         rewrite(folder / name, as_before)
         assert verify(open_recording(folder / name)).exact, name
 
-    def one_lost(kind: str, message: Message) -> bytes:
+    def one_lost(kind: str, message: RecordedMessage) -> bytes:
         table = json.loads(as_before(kind, message))
         return msgspec.json.encode(table | ({"lost": 77} if table.get("tick") == 100 else {}))
 
@@ -177,7 +177,7 @@ def test_a_damaged_chunk_is_a_hole_and_all_before_it_is_equal(name: str, chunk: 
 def test_an_account_that_only_one_side_has_at_the_end_is_found(folder: Path, missing: bool) -> None:
     """It is missing in the recording, or nothing asks for it: what asked is an input."""
 
-    def alter(kind: str, message: Message) -> bytes | None:
+    def alter(kind: str, message: RecordedMessage) -> bytes | None:
         left_out = kind == "account" if missing else b"close_ledger" in message.payload
         return None if left_out else message.payload
 

@@ -15,7 +15,7 @@ from cogrip.cli.settings.settings_file import load
 from cogrip.client.recorder import start_of, start_text
 from cogrip.devices.device import Capability
 from cogrip.devices.for_user import make_for
-from cogrip.protocol.recording.reader import Message, RecordingError, open_recording
+from cogrip.protocol.recording.reader import RecordedMessage, RecordingError, open_recording
 from cogrip.protocol.settings.room import resolve
 from cogrip.protocol.settings.sections import Settings, User
 from cogrip.protocol.settings.table import SettingsError
@@ -24,7 +24,7 @@ from cogrip.results.comparison import settings_differences
 from cogrip.results.laboratory_run import run_laboratory
 from cogrip.results.records import RunRecords, open_run
 from cogrip.results.replay.verify import verify
-from cogrip.results.replay.what_if import Hands, World, folder_name, label, what_if
+from cogrip.results.replay.what_if import Hands, WhatIf, folder_name, label, what_if
 from cogrip.server.recorder import start_of as server_start
 
 from tests.extent import every, long
@@ -47,7 +47,7 @@ TABLE: dict[str, Any] = {
 }
 
 
-def lab(world: World | Settings, folder: Path) -> RunRecords:
+def lab(world: WhatIf | Settings, folder: Path) -> RunRecords:
     """Run it, with recordings in a new folder."""
     folder.mkdir(parents=True)
     settings, begins = (world, ()) if isinstance(world, Settings) else (world.settings, world.begins)
@@ -67,7 +67,7 @@ def spoiled(run: RunRecords, tmp_path: Path) -> Path:
     return Path(shutil.copytree(run.folder, tmp_path / "copy"))
 
 
-def streams(run: RunRecords) -> dict[str, list[Message]]:
+def streams(run: RunRecords) -> dict[str, list[RecordedMessage]]:
     """Return every message of every file, by file name."""
     return {path.name: list(open_recording(path).messages()) for path in sorted(run.folder.glob("*.mcap"))}
 
@@ -231,7 +231,7 @@ def test_an_impedance_is_the_recorded_hands_own(run: RunRecords, tmp_path: Path)
 
 
 def test_it_lasts_as_long_as_the_longest_hand(spoiled: Path) -> None:
-    def early(kind: str, message: Message) -> bytes | None:
+    def early(kind: str, message: RecordedMessage) -> bytes | None:
         return message.payload if message.time_ns < 400_000_000 else None
 
     rewrite(spoiled / "client-anna.mcap", early)

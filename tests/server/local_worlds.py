@@ -6,37 +6,37 @@ from math import inf
 import numpy as np
 
 from cogrip.protocol.settings.room import resolve, seat_settings
-from cogrip.server.worlds.local_scene import LocalScene
+from cogrip.server.worlds.local_scene import LocalSceneWorld
 from cogrip.server.worlds.scene_file import held_by, load_scene, make_scene
 from cogrip.server.worlds.scene_springs import springs_j
 
 from tests.server.scene_worlds import SCENES, SHIPPED, Array, T, port_j
 
 
-def local_world(scene: str, tools: Sequence[str] = ("", ""), substeps: int = 4, axes: int = 3) -> LocalScene:
+def local_world(scene: str, tools: Sequence[str] = ("", ""), substeps: int = 4, axes: int = 3) -> LocalSceneWorld:
     """Return the world of a scene: a name of those that come with cogrip, or XML."""
     people = [{"tool": tool, "side": ("left", "right")[number % 2]} for number, tool in enumerate(tools)]
     thing = {"kind": "scene", "file": "x.xml", "axes": axes, "substeps": substeps}
     settings = resolve({"object": thing, "coupling": {"kind": "local"}, "users": people})
     held, step_s = held_by(settings), T / substeps
     loaded = load_scene(SCENES / f"{scene}.xml", held, step_s) if scene in SHIPPED else make_scene(scene, held, step_s)
-    return LocalScene([seat_settings(settings, number) for number in range(len(tools))], loaded, substeps)
+    return LocalSceneWorld([seat_settings(settings, number) for number in range(len(tools))], loaded, substeps)
 
 
-def join_all(world: LocalScene) -> LocalScene:
+def join_all(world: LocalSceneWorld) -> LocalSceneWorld:
     """Let everybody take hold, each hand in the middle of its own frame."""
     for user in range(len(world.holding)):
         world.join(user, np.zeros(world.axes))
     return world
 
 
-def report(world: LocalScene, proxies: Array) -> None:
+def report(world: LocalSceneWorld, proxies: Array) -> None:
     """Report a proxy of each hand, in its own frame."""
     for user, place in enumerate(proxies.tolist()):
         world.set_reported_positions(user, tuple(place), tuple(place))
 
 
-def wanderers(world: LocalScene, seed: int) -> Callable[[Array], tuple[Array, Array]]:
+def wanderers(world: LocalSceneWorld, seed: int) -> Callable[[Array], tuple[Array, Array]]:
     """Return proxies and waves from the waves that came back: slow and fast ways about the object, jumps, and any waves."""
     random, turning = np.random.default_rng(seed), np.random.default_rng(seed)
     people = len(world.holding)
@@ -65,7 +65,7 @@ def wanderers(world: LocalScene, seed: int) -> Callable[[Array], tuple[Array, Ar
     return go_on
 
 
-def wander(world: LocalScene, seed: int, frames: int) -> Iterator[tuple[Array, Array, Array]]:
+def wander(world: LocalSceneWorld, seed: int, frames: int) -> Iterator[tuple[Array, Array, Array]]:
     """Step with hands that wander; yield which tools were clear before, the waves that came and those that went back."""
     hands, back = wanderers(world, seed), np.zeros((len(world.holding), world.axes))
     for _ in range(frames):
@@ -77,7 +77,7 @@ def wander(world: LocalScene, seed: int, frames: int) -> Iterator[tuple[Array, A
 
 
 def holds_no_more(
-    world: LocalScene, seed: int, frames: int, worst_j: float, excess_j: float = inf
+    world: LocalSceneWorld, seed: int, frames: int, worst_j: float, excess_j: float = inf
 ) -> set[tuple[bool, bool]]:
     """Check that the world has no more than came in, its springs included; return which tools were clear before and after."""
     seen: set[tuple[bool, bool]] = set()
@@ -97,7 +97,7 @@ def holds_no_more(
     return seen
 
 
-def course(world: LocalScene, seed: int, frames: int) -> list[object]:
+def course(world: LocalSceneWorld, seed: int, frames: int) -> list[object]:
     """Return all that is seen of a world where hands wander, bit for bit."""
     seen: list[object] = []
     for _, _, back in wander(world, seed, frames):

@@ -11,7 +11,7 @@ from cogrip.client.inputs import Leave, Poll
 from cogrip.protocol.recording.reader import RecordingError
 from cogrip.protocol.recording.records import Datagram, Input, kind_of
 from cogrip.protocol.recording.sink import encode
-from cogrip.results.replay.comparison import Difference
+from cogrip.results.replay.comparison import FirstDifference
 from cogrip.server.inputs import Idle
 
 from tests.client.recorded_person import SCRIPT as CLIENT
@@ -37,7 +37,7 @@ STRANGE = (
 )  # fmt: skip
 
 
-def difference(end: RecordedEnd, at: int, payload: bytes, later_ns: int = 0) -> Difference:
+def difference(end: RecordedEnd, at: int, payload: bytes, later_ns: int = 0) -> FirstDifference:
     """Alter a message, or its time; return what is found, of its topic."""
     topic, time_ns, _ = end.noted[at]
     found = end.altered(at, payload, time_ns + later_ns).difference

@@ -9,7 +9,7 @@ from msgspec import structs
 from cogrip.protocol.laws.waves import wave_of
 from cogrip.protocol.settings.line_tuning import LEAST_NSPM, MOST_NSPM
 from cogrip.protocol.settings.room import resolve, seat_settings
-from cogrip.protocol.wire.clock import Clock
+from cogrip.protocol.wire.clock import MessageClock
 from cogrip.protocol.wire.messages import Stamp, Waves, decode, encode
 from cogrip.server.ports.seat_limits import SeatLimits
 from cogrip.server.ports.wave_port import WavePort
@@ -49,7 +49,7 @@ def step(at: WavePort, number: int, impedance_nspm: float, since: int, wave: flo
 
 
 def told(at: WavePort) -> tuple[float, int]:
-    answer = decode(at.message(7, Clock(), 1, (0.0, 0.0), 0.0))
+    answer = decode(at.message(7, MessageClock(), 1, (0.0, 0.0), 0.0))
     assert isinstance(answer, Waves)
     return answer.impedance_nspm, answer.since
 

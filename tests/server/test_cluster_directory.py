@@ -10,8 +10,8 @@ from cogrip.server.hosting.cluster.directory import (
     START_S,
     Directory,
     Host,
+    ProcessStart,
     Report,
-    Start,
 )
 
 HOSTS = [Host("aaaa1111", "10.0.0.1", 4.0), Host("bbbb2222", "10.0.0.2", 4.0)]
@@ -25,7 +25,7 @@ class Cluster:
         self.directory, self.hosts, self.now_s = Directory(), list(hosts), 100.0
         self.living = {host.name for host in hosts}
         self.running: dict[tuple[str, int], Report] = {}
-        self.started: list[Start] = []
+        self.started: list[ProcessStart] = []
         self.fenced: list[tuple[str, int]] = []
 
     def pass_by(self, seconds: float, ready: bool = True) -> None:
@@ -96,7 +96,7 @@ def test_a_drained_host_hands_its_rooms_over_and_gets_none(cluster: Cluster) -> 
     moved = next(start.room for start in cluster.started if start.host == "aaaa1111")
     assert f"its rooms move: {moved}" in text
     cluster.pass_by(2.0)
-    assert cluster.started[-1] == Start(moved, 2, "bbbb2222", b"job", f"{moved} 1")
+    assert cluster.started[-1] == ProcessStart(moved, 2, "bbbb2222", b"job", f"{moved} 1")
     assert (cluster.directory.moved, cluster.directory.lost) == (1, 0)
     assert set(cluster.where().values()) == {"bbbb2222:1", "bbbb2222:2"}
     cluster.directory.offer({"hall": b""})

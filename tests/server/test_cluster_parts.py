@@ -16,7 +16,7 @@ from cogrip.server.hosting.cluster.lines import GatheredLines, Lines
 from cogrip.server.hosting.cluster.replicas import KEPT_S, LATEST_S, NOTHING, Kept, Replicas, gather, newest, next_host
 from cogrip.server.hosting.cluster.room_checkpoints import newest as newest_checkpoint
 from cogrip.server.io.state_folder import StateFolder, make_folder
-from cogrip.server.io.udp_socket import PortRange, ServeError, UdpSocket
+from cogrip.server.io.udp_socket import ServeError, UdpRange, UdpSocket
 
 from tests.server.patience import until
 
@@ -143,11 +143,11 @@ def test_a_room_takes_a_free_port_of_the_range_and_says_when_there_is_none() -> 
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as taken:
         taken.bind(("127.0.0.1", 0))
         port = int(taken.getsockname()[1])
-        there = UdpSocket("127.0.0.1", 0, PortRange(port, min(port + 100, 65535)))
+        there = UdpSocket("127.0.0.1", 0, UdpRange(port, min(port + 100, 65535)))
         assert port < there.place[1] <= port + 100
         there.close()
         with pytest.raises(ServeError, match=f"none of the UDP ports {port}-{port} is free .*: give more --room-ports"):
-            UdpSocket("127.0.0.1", 0, PortRange(port, port))
+            UdpSocket("127.0.0.1", 0, UdpRange(port, port))
 
 
 def test_a_room_begins_from_the_later_checkpoint() -> None:

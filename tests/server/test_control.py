@@ -16,14 +16,14 @@ from cogrip.server.io.control import (
     MOST_CALLERS,
     MOST_PATH_BYTES,
     MOST_REQUEST_BYTES,
-    Answer,
     Control,
     ControlError,
-    Kick,
+    KickOrder,
     NotRunningError,
-    Reload,
+    OrderReply,
+    ReloadOrder,
     Request,
-    Status,
+    StatusOrder,
     ask,
 )
 from cogrip.server.io.state_folder import StateFolder, make_folder, write_private
@@ -65,17 +65,19 @@ def call(folder: StateFolder, said: bytes = b"") -> socket.socket:
 
 
 @pytest.mark.parametrize(
-    "order", [Kick("anna", "demo", "you pull too hard", True), Kick("é" * 40), Reload(), Status()], ids=str
+    "order",
+    [KickOrder("anna", "demo", "you pull too hard", True), KickOrder("é" * 40), ReloadOrder(), StatusOrder()],
+    ids=str,
 )
 def test_an_order_comes_as_it_was_given_and_is_answered(
-    control: Control, folder: StateFolder, people: ThreadPoolExecutor, order: Kick | Reload | Status
+    control: Control, folder: StateFolder, people: ThreadPoolExecutor, order: KickOrder | ReloadOrder | StatusOrder
 ) -> None:
     for ok in (True, False):
         answer = people.submit(ask, folder, order, LIMIT_S)
         request = next_request(control)
         assert request.order == order
         control.answer(request, "said – done", ok=ok)
-        assert answer.result(LIMIT_S) == Answer(ok, "said – done")
+        assert answer.result(LIMIT_S) == OrderReply(ok, "said – done")
     assert control.dropped == {}
 
 
@@ -88,7 +90,7 @@ def test_only_this_user_may_ask_and_nobody_asking_costs_nothing(control: Control
 def test_the_largest_answer_comes_whole(control: Control, folder: StateFolder, people: ThreadPoolExecutor) -> None:
     fits = MOST_ANSWER_BYTES - len(b'{"ok":true,"text":""}\n')
     for size, ok in ((fits, True), (fits + 1, False)):
-        answer = people.submit(ask, folder, Status(), LIMIT_S)
+        answer = people.submit(ask, folder, StatusOrder(), LIMIT_S)
         control.answer(next_request(control), "x" * size)
         until(lambda answer=answer: control.poll() or answer.done())
         assert answer.result().ok is ok
@@ -126,12 +128,12 @@ def test_no_order_is_counted_and_answered(control: Control, folder: StateFolder,
 def test_the_longest_order_is_read_also_in_pieces(control: Control, folder: StateFolder) -> None:
     order = b'{"verb":"reload"}'.ljust(MOST_REQUEST_BYTES - 1) + b"\n"
     with call(folder, order):
-        assert next_request(control).order == Reload()
+        assert next_request(control).order == ReloadOrder()
     with call(folder, order[:10]) as caller:
         assert control.poll() == []
         assert control.poll() == []
         caller.sendall(order[10:])
-        assert next_request(control).order == Reload()
+        assert next_request(control).order == ReloadOrder()
 
 
 def test_who_breaks_off_and_who_asks_and_goes_is_counted(control: Control, folder: StateFolder) -> None:
@@ -156,7 +158,7 @@ def test_who_stays_silent_makes_room_in_time_and_keeps_nobody_waiting(control: C
         assert control.poll(CALLER_LIMIT_NS + 1) == []
         assert control.dropped == {"silent": MOST_CALLERS}
         (request,) = control.poll(CALLER_LIMIT_NS + 2)
-        assert request.order == Reload()
+        assert request.order == ReloadOrder()
         assert control.poll(2 * CALLER_LIMIT_NS + 2) == []
         assert control.dropped == {"silent": MOST_CALLERS}
         assert control.poll(2 * CALLER_LIMIT_NS + 3) == []
@@ -166,11 +168,11 @@ def test_who_stays_silent_makes_room_in_time_and_keeps_nobody_waiting(control: C
 
 
 def test_many_may_ask_at_once(control: Control, folder: StateFolder, people: ThreadPoolExecutor) -> None:
-    answers = [people.submit(ask, folder, Kick(str(number)), LIMIT_S) for number in range(MOST_CALLERS + 4)]
+    answers = [people.submit(ask, folder, KickOrder(str(number)), LIMIT_S) for number in range(MOST_CALLERS + 4)]
 
     def serve() -> bool:
         for request in control.poll():
-            assert isinstance(request.order, Kick)
+            assert isinstance(request.order, KickOrder)
             control.answer(request, f"kicked {request.order.user}")
         return all(answer.done() for answer in answers)
 
@@ -186,19 +188,19 @@ def test_a_missing_server_is_named(folder: StateFolder) -> None:
         f"no server is running with the state in {folder.path}; start it, or name the right one by --state or --port"
     )
     with pytest.raises(NotRunningError, match=words):
-        ask(folder, Reload())
+        ask(folder, ReloadOrder())
     Control(folder).close()
     with pytest.raises(NotRunningError, match=words):
-        ask(folder, Reload())
+        ask(folder, ReloadOrder())
 
 
 def test_what_a_killed_server_left_is_in_nobodys_way(folder: StateFolder, people: ThreadPoolExecutor) -> None:
     with socket.socket(socket.AF_UNIX, socket.SOCK_STREAM) as left:
         left.bind(os.fspath(folder.control))
     with pytest.raises(NotRunningError):
-        ask(folder, Reload())
+        ask(folder, ReloadOrder())
     control = Control(folder)
-    answer = people.submit(ask, folder, Reload(), LIMIT_S)
+    answer = people.submit(ask, folder, ReloadOrder(), LIMIT_S)
     control.answer(next_request(control), "done")
     assert answer.result(LIMIT_S).ok
     control.close()
@@ -207,7 +209,7 @@ def test_what_a_killed_server_left_is_in_nobodys_way(folder: StateFolder, people
 def test_a_server_that_hangs_is_named(control: Control, folder: StateFolder) -> None:
     words = r"did not answer within 0.01 s; if it is stopped or hangs, start it again"
     with pytest.raises(ControlError, match=words):
-        ask(folder, Reload(), 0.01)
+        ask(folder, ReloadOrder(), 0.01)
     with ExitStack() as waiting:
         with suppress(BlockingIOError):
             while True:
@@ -215,12 +217,12 @@ def test_a_server_that_hangs_is_named(control: Control, folder: StateFolder) -> 
                 each.setblocking(False)
                 each.connect(os.fspath(folder.control))
         with pytest.raises(ControlError, match=words):
-            ask(folder, Reload(), 0.01)
+            ask(folder, ReloadOrder(), 0.01)
 
 
 def test_a_server_that_ends_before_it_answers_is_named(folder: StateFolder, people: ThreadPoolExecutor) -> None:
     control = Control(folder)
-    answer = people.submit(ask, folder, Reload(), LIMIT_S)
+    answer = people.submit(ask, folder, ReloadOrder(), LIMIT_S)
     next_request(control)
     control.close()
     with pytest.raises(ControlError, match="broke off before it answered"):
@@ -232,7 +234,7 @@ def test_a_path_that_no_socket_takes_is_named(tmp_path) -> None:
     Control(make_folder(tmp_path / ("a" * rest))).close()
     folder = make_folder(tmp_path / ("a" * (rest + 1)))
     words = rf"{MOST_PATH_BYTES + 1} bytes are more than .* \({MOST_PATH_BYTES}\); give a shorter --state"
-    for use in (lambda: Control(folder), lambda: ask(folder, Reload())):
+    for use in (lambda: Control(folder), lambda: ask(folder, ReloadOrder())):
         with pytest.raises(ControlError, match=words):
             use()
 
@@ -244,4 +246,4 @@ def test_a_path_that_cannot_be_bound_is_named(folder: StateFolder) -> None:
     folder.control.rmdir()
     write_private(folder.control, b"")
     with pytest.raises(NotRunningError):
-        ask(folder, Reload())
+        ask(folder, ReloadOrder())

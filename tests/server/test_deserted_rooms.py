@@ -15,7 +15,7 @@ from cogrip.protocol.wire.session import LOST_NS
 from cogrip.server import inputs
 from cogrip.server.checkpoint import decode
 from cogrip.server.io import checkpoint_file
-from cogrip.server.io.control import Mark
+from cogrip.server.io.control import MarkOrder
 from cogrip.server.io.housekeeping import EVERY_NS, POLL_EVERY_NS, Housekeeping
 from cogrip.server.io.loop import LiveServer
 from cogrip.server.io.paced_room import PacedRoom, deserted_among
@@ -189,9 +189,9 @@ def test_a_marker_of_the_administrator_gets_the_step_of_now() -> None:
     loop = Loop()
     loop.frame()
     housekeeping = Housekeeping(loop.server, print)
-    assert housekeeping._mark(Mark("here", "hall")) == ("marked in 1 room: here", True)
+    assert housekeeping._mark(MarkOrder("here", "hall")) == ("marked in 1 room: here", True)
     assert (loop.lab.steps, loop.server.pacers["lab"].run) == (1, 1), "nothing is asked of it"
-    assert housekeeping._mark(Mark("there", "")) == ("marked in 2 rooms: there", True)
+    assert housekeeping._mark(MarkOrder("there", "")) == ("marked in 2 rooms: there", True)
     for room in loop.people.core.rooms:
         assert room.markers._told[-1].step == room.steps == loop.server.pacers[room.name].run > 1
 

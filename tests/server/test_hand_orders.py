@@ -8,10 +8,10 @@ from cogrip.machine.stop import Stop
 from cogrip.protocol.settings.hand import parsed
 from cogrip.protocol.settings.room import resolve
 from cogrip.server.checkpoint import decode
-from cogrip.server.inputs import SetHand as HandSet
+from cogrip.server.inputs import SetHandOrder as HandSet
 from cogrip.server.io import checkpoint_file
-from cogrip.server.io.control import Request, SetHand
-from cogrip.server.io.hand_orders import HandOrders
+from cogrip.server.io.control import Request, SetHandOrder
+from cogrip.server.io.hand_orders import AwaitedOrders
 from cogrip.server.io.housekeeping import POLL_EVERY_NS, Housekeeping
 from cogrip.server.io.loop import LiveServer
 from cogrip.server.io.state_folder import make_folder
@@ -30,14 +30,14 @@ def laboratory() -> Laboratory:
     return found
 
 
-def order(*pairs: str) -> SetHand:
-    return SetHand("anna", parsed(pairs))
+def order(*pairs: str) -> SetHandOrder:
+    return SetHandOrder("anna", parsed(pairs))
 
 
 def test_two_administrators_at_once_are_both_told_what_holds(laboratory: Laboratory) -> None:
     """The second changes a scale that the first has set, before the client has answered: the first was taken as well."""
     said: list[tuple[str, bool]] = []
-    orders = HandOrders(laboratory.server, lambda request, text, ok: said.append((text, ok)))
+    orders = AwaitedOrders(laboratory.server, lambda request, text, ok: said.append((text, ok)))
     caller: Request = None  # type: ignore[assignment]  # goes back with the answer
     for pairs in (("position_scale=3", "gravity_compensation=on"), ("position_scale=3",), ("position_scale=5",)):
         orders.obey(caller, order(*pairs), laboratory.now_ns)

@@ -11,7 +11,7 @@ from cogrip.cli.settings.shipped_settings import shipped_scene
 from cogrip.protocol.settings.room import resolve
 from cogrip.protocol.settings.sections import Settings
 from cogrip.server.worlds.local_geometry import MOST_LOCAL, LocalGeometry
-from cogrip.server.worlds.local_scene import LocalScene
+from cogrip.server.worlds.local_scene import LocalSceneWorld
 
 from tests.server.local_worlds import join_all, local_world, report
 
@@ -25,7 +25,7 @@ def scene(fixed: str = "", tool: str = SLIDES + BALL, more: str = "") -> str:
     return f"<mujoco><worldbody>{fixed}{body}</worldbody>{more}</mujoco>"
 
 
-def led(text: str, place: Place, frames: int) -> LocalScene:
+def led(text: str, place: Place, frames: int) -> LocalSceneWorld:
     """Return the world of a scene whose hand has been led to a place."""
     world = join_all(local_world(text, ["hand"]))
     for _ in range(frames):

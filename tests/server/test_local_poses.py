@@ -4,11 +4,11 @@ import numpy as np
 import pytest
 
 from cogrip.protocol.settings.room import resolve, seat_settings
-from cogrip.protocol.wire.clock import Clock
+from cogrip.protocol.wire.clock import MessageClock
 from cogrip.protocol.wire.messages import Stamp, Waves
 from cogrip.server.ports.local_port import LocalPort
 from cogrip.server.ports.seat_limits import SeatLimits
-from cogrip.server.worlds.local_scene import LocalScene
+from cogrip.server.worlds.local_scene import LocalSceneWorld
 from cogrip.server.worlds.scene_text import SceneError
 
 from tests.extent import long
@@ -18,7 +18,7 @@ from tests.server.scene_worlds import WORST_J, T, port_j
 BALLS = ("ball", "ball")
 
 
-def poses(scene: str) -> LocalScene:
+def poses(scene: str) -> LocalSceneWorld:
     return join_all(local_world(scene, BALLS, axes=6))
 
 
@@ -61,7 +61,7 @@ BALL = "<freejoint/><geom name='ball' size='.01' mass='.05'/>"
 TIED = "<equality><weld body1='hand' body2='post'/></equality>"
 
 
-def of_hand(tool: str, more: str = "") -> LocalScene:
+def of_hand(tool: str, more: str = "") -> LocalSceneWorld:
     post = "<body name='post' pos='.5 0 .3'><freejoint/><geom size='.01' mass='.05'/></body><geom size='.1'/>"
     body = f"<body name='hand' pos='.5 0 .1'>{tool}</body>{post}"
     return local_world(f"<mujoco><worldbody>{body}</worldbody>{more}</mujoco>", ["hand"], axes=6)
@@ -114,14 +114,14 @@ def test_places_are_absorbed_while_the_tool_is_clear_and_turning_is_played() -> 
             (0.0, 0.0, 0.0, *wave[3:]), rel=0.02
         )  # with what compensates the first frame
         port.push((0.0,) * 6)
-        port.message(1, Clock(), number + 1, (0.0,) * 12, 0.0)
+        port.message(1, MessageClock(), number + 1, (0.0,) * 12, 0.0)
     assert port.absorbed_j == pytest.approx(5 * 0.5 * T * (0.09 + 0.04), rel=0.01)
     assert port.proxy == (0.008, 0.0, 0.0)
     assert port.hand == state[6:12]
     assert port.turned == ((0.0, 0.0, 0.1), (0.0, 0.0, 0.1))
     engaged = (0.0, 0.0, 0.05)
     for number in range(5, 8):
-        port.message(1, Clock(), 100, (0.0,) * 12 + engaged, 0.0)
+        port.message(1, MessageClock(), 100, (0.0,) * 12 + engaged, 0.0)
         assert port.receive(up(number, wave, state, heard_ns=100 if number > 5 else 0), number)
         played = wave if number > 5 else (0.0, 0.0, 0.0, *wave[3:])  # of before it was known: absorbed
         assert port.pop(1) == pytest.approx(played, rel=0.02)

@@ -12,14 +12,14 @@ from cogrip.protocol.settings.room import SettingsError, resolve
 from cogrip.protocol.wire import messages
 from cogrip.protocol.wire.messages import Geom, Stamp, Waves
 from cogrip.server.ports.local_port import LocalPort
-from cogrip.server.ports.seat_limits import FASTER, Record
+from cogrip.server.ports.seat_limits import FASTER, ClaimedRecord
 from cogrip.server.room import Room
-from cogrip.server.worlds.local_scene import LocalScene
+from cogrip.server.worlds.local_scene import LocalSceneWorld
 
 T = 1 / 128
 FRAME_NS = 7_812_500
 SPEED_MPS = 2.0
-RECORD = Record("sim:ideal", 3, 1024.0, 10.0, SPEED_MPS)
+RECORD = ClaimedRecord("sim:ideal", 3, 1024.0, 10.0, SPEED_MPS)
 Place = tuple[float, float, float]
 
 
@@ -99,7 +99,7 @@ def test_a_clear_tool_is_where_its_client_says_and_its_line_brings_nothing() -> 
                 # as the playout of waves has no say in it, the tool is where the newest frame says
                 assert room.world.proxy_of(player.seat) == pytest.approx(proxy, abs=1e-9)
     world = room.world
-    assert isinstance(world, LocalScene)
+    assert isinstance(world, LocalSceneWorld)
     assert world.limiter.level_j == pytest.approx(1e-3, abs=2e-5)  # the box settles on the floor
     absorbed_j = session.players[0].port.absorbed_j
     assert absorbed_j == pytest.approx(0.5 * T * 0.25 * 200, rel=0.05)  # it has left the line

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from cogrip.server.worlds.clearance import NEAR_M
-from cogrip.server.worlds.local_scene import CLOSE_M, OUT_M, RELEASE_S, LocalScene
+from cogrip.server.worlds.local_scene import CLOSE_M, OUT_M, RELEASE_S, LocalSceneWorld
 from cogrip.server.worlds.world import WorldError
 
 from tests.extent import long
@@ -25,7 +25,7 @@ GATE = f"""<mujoco><worldbody>
 """A thin gate that swings, 100 mm before a heavy ball."""
 
 
-def ball_at(world: LocalScene, place: Array, frames: int = 1) -> Array:
+def ball_at(world: LocalSceneWorld, place: Array, frames: int = 1) -> Array:
     """Step with the first hand's proxy at a place; return the tool's."""
     for _ in range(frames):
         world.set_reported_positions(0, tuple(place), tuple(place))
@@ -33,7 +33,7 @@ def ball_at(world: LocalScene, place: Array, frames: int = 1) -> Array:
     return world.proxy(0)
 
 
-def depth_m(world: LocalScene, user: int) -> float:
+def depth_m(world: LocalSceneWorld, user: int) -> float:
     """Return how deep the tool's balls are in what moves, by MuJoCo's own distance of every pair that can touch."""
     geometry, model, scene = world.geometry[user], world.scene.model, world.scene
     assert geometry.touches is not None
@@ -52,7 +52,7 @@ def depth_m(world: LocalScene, user: int) -> float:
 
 
 @pytest.fixture
-def world() -> LocalScene:
+def world() -> LocalSceneWorld:
     """The gate and the ball, which a hand has taken."""
     return join_all(local_world(GATE, ["ball"]))
 
@@ -84,7 +84,7 @@ def test_a_clear_tool_is_where_its_proxy_is_and_nothing_feels_it(scene: str) -> 
     assert not world.port_work.any()
 
 
-def test_a_far_proxy_is_reached_in_steps(world: LocalScene) -> None:
+def test_a_far_proxy_is_reached_in_steps(world: LocalSceneWorld) -> None:
     places = [ball_at(world, np.array([-0.4, 0.0, 0.0]))[0] for _ in range(20)]
     steps = -np.diff([0.0, *places])
     assert steps.max() == pytest.approx(4.0 * T)
@@ -94,7 +94,7 @@ def test_a_far_proxy_is_reached_in_steps(world: LocalScene) -> None:
 # Engaged -----------------------------------------------------------------------------------------------------------------
 
 
-def test_it_is_engaged_before_it_touches_at_rest_and_no_jump_takes_it_through(world: LocalScene) -> None:
+def test_it_is_engaged_before_it_touches_at_rest_and_no_jump_takes_it_through(world: LocalSceneWorld) -> None:
     surface = 0.1 - 0.002 - 0.01
     out = surface - NEAR_M - 2.5 * CLOSE_M
     assert ball_at(world, np.array([out, 0.0, 0.0]), 30)[0] == pytest.approx(out), "it follows out of the margin"
@@ -108,7 +108,7 @@ def test_it_is_engaged_before_it_touches_at_rest_and_no_jump_takes_it_through(wo
         assert not world.data.qvel.any()
 
 
-def test_it_is_engaged_earlier_where_a_body_comes_fast(world: LocalScene) -> None:
+def test_it_is_engaged_earlier_where_a_body_comes_fast(world: LocalSceneWorld) -> None:
     place = np.array([0.07, 0.0, 0.0])  # 18 mm before it
     ball_at(world, place, 10)
     assert world.kinematic[0]
@@ -118,7 +118,7 @@ def test_it_is_engaged_earlier_where_a_body_comes_fast(world: LocalScene) -> Non
     assert not world.kinematic[0]
 
 
-def test_a_wave_drives_an_engaged_tool_as_it_does_without_local_models(world: LocalScene) -> None:
+def test_a_wave_drives_an_engaged_tool_as_it_does_without_local_models(world: LocalSceneWorld) -> None:
     ball_at(world, np.array([0.2, 0.0, 0.0]), 30)
     u = np.array([[0.3, 0.0, 0.0]])
     before, energy = world.proxy(0), world.energy_j
@@ -157,7 +157,7 @@ def test_it_is_clear_again_a_while_after_the_last_body_was_near() -> None:
         assert world.engaged_at(0) not in ((), began)
 
 
-def test_a_second_engagement_at_the_same_place_is_told_as_another(world: LocalScene) -> None:
+def test_a_second_engagement_at_the_same_place_is_told_as_another(world: LocalSceneWorld) -> None:
     ball_at(world, np.array([0.2, 0.0, 0.0]), 30)
     first = world.engaged_at(0)
     world._let_go(0)
@@ -217,7 +217,7 @@ def test_a_tool_taken_inside_a_body_is_engaged_and_touches_nothing_until_it_has_
     assert not world.data.joint("swing").qvel.any()
 
 
-def test_a_heavy_tool_weighs_nothing(world: LocalScene) -> None:
+def test_a_heavy_tool_weighs_nothing(world: LocalSceneWorld) -> None:
     """Lifted while clear and let down while engaged it would make energy."""
     for frame in range(100):
         ball_at(world, np.array([0.0, 0.0, 0.001 * frame]))

@@ -15,7 +15,7 @@ from cogrip.protocol.settings.room import resolve
 from cogrip.protocol.wire.accounts import LinkCount
 from cogrip.protocol.wire.messages import Stamp, Waves
 from cogrip.server.io.metrics_families import families
-from cogrip.server.ports.seat_limits import Record
+from cogrip.server.ports.seat_limits import ClaimedRecord
 from cogrip.server.room import Room
 from cogrip.server.snapshot import (
     FRESH_NS,
@@ -34,7 +34,7 @@ from cogrip.server.snapshot import (
 from tests.server.recorded_rooms import scripted
 
 FRAME_NS = 7_812_500
-PHANTOM = Record("sim:phantom", 1, 1024.0, 10.0, 2.0)
+PHANTOM = ClaimedRecord("sim:phantom", 1, 1024.0, 10.0, 2.0)
 
 
 def a_room(name: str = "lab", people: tuple[str, ...] = ("anna", "ben")) -> Room:

@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 
 from cogrip.protocol.laws.passivity_control import CHARGE_DOWN_J, LENT_J
 from cogrip.protocol.settings.room import resolve, seat_settings
-from cogrip.protocol.wire.clock import Clock
+from cogrip.protocol.wire.clock import MessageClock
 from cogrip.protocol.wire.messages import Power, Stamp, decode
 from cogrip.server.ports.power_port import PowerPort
 from cogrip.server.ports.seat_limits import BURST_S, SeatLimits
@@ -129,7 +129,7 @@ def test_where_no_message_came_the_proxy_is_asked_for_no_speed_but_still_for_its
     assert seat.port.pop(1) == (0.01, 0.0, 0.5 + LENT_J, pytest.approx(1e-3 / CHARGE_DOWN_J))
     assert seat.port.receive(power(3, 0.01, 0.0, 0.5, taken=5e-4), 0)
     assert seat.port.pop(1)[3] == pytest.approx(5e-4 / CHARGE_DOWN_J)
-    message = decode(seat.port.message(9, Clock(), 1, (0.1, 0.2), -0.25))
+    message = decode(seat.port.message(9, MessageClock(), 1, (0.1, 0.2), -0.25))
     assert isinstance(message, Power)
     (entered_j,) = message.entered_j
     assert (message.number, message.force_n, entered_j, message.taken_j) == (0, (2.0,), pytest.approx(1e-3), (0.0,))

@@ -8,12 +8,12 @@ from cogrip.protocol.line.sender import LineSender
 from cogrip.protocol.settings.room import resolve
 from cogrip.protocol.wire import messages
 from cogrip.protocol.wire.messages import Stamp, State, Waves
-from cogrip.server.ports.seat_limits import Record
+from cogrip.server.ports.seat_limits import ClaimedRecord
 from cogrip.server.room import Room
 from cogrip.server.worlds.world import REACH_M
 
 FRAME_NS = 7_812_500
-ANY = Record("sim:ideal", 1, 1024.0, messages.NO_BOUND, messages.NO_BOUND)
+ANY = ClaimedRecord("sim:ideal", 1, 1024.0, messages.NO_BOUND, messages.NO_BOUND)
 KINDS = {
     "paper": {"server_step": "paper", "stiffness_npm": 20000.0},  # unstable by itself: theory section 6
     "coupling": {"kind": "coupling", "stiffness_npm": 20000.0},

@@ -6,7 +6,7 @@ from cogrip.protocol.wire import messages
 from cogrip.protocol.wire.messages import Heartbeat, Leave, Stamp
 from cogrip.protocol.wire.session import ClientSession
 from cogrip.server.inputs import UnbindAddress
-from cogrip.server.io.control import MOST_ANSWER_BYTES, Answer
+from cogrip.server.io.control import MOST_ANSWER_BYTES, OrderReply
 from cogrip.server.roster import MOST_LISTED, RosterEntry, roster_of
 
 from tests.protocol.two_ends import MS, exchange, hello, seated, waves
@@ -44,4 +44,4 @@ def test_an_observer_is_listed_behind_the_seats_and_who_lost_the_address_is_away
 def test_a_list_as_long_as_may_be_has_room_in_an_answer() -> None:
     longest = RosterEntry("n" * 40, "r" * 40, "[fe80::1234:5678:9abc:def0%interface0]:65535", 1234567.8, 255, "\x01" * 40,
                       59999.999, 59999.999, 59999.999, 2**53, True)  # fmt: skip
-    assert len(msgspec.json.encode(Answer(True, "t" * 100, (longest,) * MOST_LISTED))) < MOST_ANSWER_BYTES
+    assert len(msgspec.json.encode(OrderReply(True, "t" * 100, (longest,) * MOST_LISTED))) < MOST_ANSWER_BYTES

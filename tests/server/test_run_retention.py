@@ -8,7 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from cogrip.machine.platform import system
-from cogrip.server.io.run_retention import DAY_S, LOCK, Run, RunRetention, mark_run, runs_below, to_remove
+from cogrip.server.io.run_retention import DAY_S, LOCK, LeftRun, RunRetention, mark_run, runs_below, to_remove
 
 NOW_S = 1_800_000_000.0
 
@@ -91,7 +91,7 @@ RUNS = st.lists(st.tuples(st.floats(0, 100), st.integers(0, 1000), st.booleans()
 def test_no_more_goes_than_is_asked_for(
     found: list[tuple[float, int, bool]], keep_s: float | None, keep: int | None
 ) -> None:
-    runs = [Run(Path(str(number)), *each) for number, each in enumerate(sorted(found))]
+    runs = [LeftRun(Path(str(number)), *each) for number, each in enumerate(sorted(found))]
     gone = to_remove(runs, 100.0, keep_s, keep)
     assert all(run.finished for run in gone)
     kept = [run for run in runs if run not in gone]

@@ -14,7 +14,7 @@ from cogrip.protocol.wire.messages import NO_BOUND, Stamp, State
 from cogrip.server.ports.seat_limits import (
     BURST_S,
     MOST_S,
-    Record,
+    ClaimedRecord,
     SeatLimits,
     StateLimiter,
     WaveLimiter,
@@ -25,7 +25,7 @@ from cogrip.server.room import Room
 from cogrip.server.seats.observers import VIEWS_HZ
 
 FRAME_S = 1 / 128
-PHANTOM = Record("sim:phantom?hand=reach", 3, 1024.0, 8.5, 2.0)
+PHANTOM = ClaimedRecord("sim:phantom?hand=reach", 3, 1024.0, 8.5, 2.0)
 wave = st.floats(-50.0, 50.0)
 
 
@@ -124,7 +124,7 @@ def test_limits_come_from_the_record_and_the_settings() -> None:
     assert limits_of(PHANTOM, settings(power_w=0.0), 0) == SeatLimits(8.5, 2.0, 17.0), "0: the device's own"
     assert limits_of(PHANTOM, settings(power_w=5.0), 0) == SeatLimits(8.5, 2.0, 5.0)
     assert limits_of(PHANTOM, settings(power_w=5.0), 1) == SeatLimits(8.5, 2.0, 3.0)
-    ideal = Record("sim:ideal", 1, 1e4, NO_BOUND, NO_BOUND)
+    ideal = ClaimedRecord("sim:ideal", 1, 1e4, NO_BOUND, NO_BOUND)
     bounded = SeatLimits(REMOTE_FORCE_N, REMOTE_SPEED_MPS, HUMAN_POWER_W)
     assert limits_of(ideal, for_remote_clients(settings()), 0) == bounded
     assert limits_of(ideal, settings(), 0) == bounded, "on this machine, too"
@@ -140,12 +140,16 @@ def test_limits_come_from_the_record_and_the_settings() -> None:
         ({"force_n": 8.5}, PHANTOM, ""),
         ({"force_n": 8.4}, PHANTOM, "claims 8.5 N, more than admission.force_n = 8.4"),
         ({"speed_mps": 1.9}, PHANTOM, "claims 2 m/s, more than admission.speed_mps = 1.9"),
-        ({"force_n": 1.0, "speed_mps": 0.1}, Record("sim:ideal", 1, 1e4, NO_BOUND, NO_BOUND), ""),
+        ({"force_n": 1.0, "speed_mps": 0.1}, ClaimedRecord("sim:ideal", 1, 1e4, NO_BOUND, NO_BOUND), ""),
         ({"devices": "listed"}, PHANTOM, ""),
-        ({"devices": "listed"}, Record("hid:woodenhaptics", 3, 1e3, 8.5, 2.0), "the seat of 'anna' is for sim:phantom"),
+        (
+            {"devices": "listed"},
+            ClaimedRecord("hid:woodenhaptics", 3, 1e3, 8.5, 2.0),
+            "the seat of 'anna' is for sim:phantom",
+        ),
     ],
 )
-def test_a_claim_is_judged_by_the_settings(admission: dict[str, object], record: Record, words: str) -> None:
+def test_a_claim_is_judged_by_the_settings(admission: dict[str, object], record: ClaimedRecord, words: str) -> None:
     said = misclaimed(record, settings(**admission), 0)
     assert (words in said) if words else not said
 
@@ -247,7 +251,7 @@ LONG = "replay:20261122-160000-demo#user=anna&start_s=1.5&speed=0.5"
     ],
 )
 def test_a_device_is_known_by_the_part_of_its_address_that_older_peers_tell(had: str, comes: str, same: bool) -> None:
-    record = Record(comes, 1, 1024.0, 8.5, 2.0)
+    record = ClaimedRecord(comes, 1, 1024.0, 8.5, 2.0)
     assert record.is_of(msgspec.structs.replace(record, device=had)) == same
     assert not record.is_of(msgspec.structs.replace(record, device=had, force_n=9.0))
     assert not record.is_of(None)

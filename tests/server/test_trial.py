@@ -12,7 +12,7 @@ import pytest
 
 from cogrip.machine import trial
 from cogrip.machine.server_platform import FORKS
-from cogrip.machine.trial import TrialError, tried
+from cogrip.machine.trial import TrialLimitError, tried
 from cogrip.server.worlds import scene_file
 from cogrip.server.worlds.scene_file import Held, make_scene
 from cogrip.server.worlds.scene_text import SceneError, scene_of
@@ -144,7 +144,7 @@ def test_a_trial_without_an_answer_says_which_limit_it_met(
     monkeypatch.setattr(trial, "PROCESSOR_S", 1 if name == "spin" else 60)
     monkeypatch.setattr(trial, "CLOCK_S", 0.1 if name == "wait" else LIMIT_S)
     act, words = BEFORE[name]
-    with pytest.raises(TrialError, match=words):
+    with pytest.raises(TrialLimitError, match=words):
         tried(act)
 
 

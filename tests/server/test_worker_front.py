@@ -27,8 +27,8 @@ from cogrip.server.hosting.link import (
     Assign,
     Astray,
     Forget,
-    Link,
     Path,
+    ProcessLink,
     Ready,
     Released,
     Say,
@@ -84,7 +84,7 @@ class Fronted:
         self._sockets = ExitStack()
         self.steering = Steering(self.public, 2, self._sockets) if steers else None
         self.person = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
-        self.ends: dict[int, Link] = {}
+        self.ends: dict[int, ProcessLink] = {}
         self.stop, self.channel = Stop(), Heard()
         own = [each.fileno() for each in self.steering.own] if self.steering else []
         self.pool = WorkerPool([("attic",), ("cellar",)], lambda number, end: None, fresh=False, own=own)  # type: ignore[arg-type, return-value]
@@ -98,8 +98,8 @@ class Fronted:
     def _add(self) -> Worker:
         ours, theirs = message_pair()
         number = len(self.ends) + 1
-        self.ends[number] = Link(theirs)
-        self.pool.workers.append(Worker(number, SimpleNamespace(pid=number), Link(ours)))  # type: ignore[arg-type]
+        self.ends[number] = ProcessLink(theirs)
+        self.pool.workers.append(Worker(number, SimpleNamespace(pid=number), ProcessLink(ours)))  # type: ignore[arg-type]
         return self.pool.workers[-1]
 
     def ask(self, room: str, name: str = "anna") -> bytes:

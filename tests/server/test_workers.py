@@ -21,12 +21,12 @@ from cogrip.server.hosting.administration import merged
 from cogrip.server.hosting.link import (
     MOST_BYTES,
     Ask,
-    Asked,
     Astray,
     Forget,
-    Link,
+    HelloByPath,
     LinkEndedError,
     Path,
+    ProcessLink,
     Released,
     Say,
     Stray,
@@ -37,7 +37,7 @@ from cogrip.server.hosting.workers.front import shares
 from cogrip.server.hosting.workers.paths import WorkerSockets
 from cogrip.server.hosting.workers.steering import Steering, open_path, open_public
 from cogrip.server.hosting.workers.verdicts import FrontVerdicts
-from cogrip.server.io.control import Answer, Kick, Who
+from cogrip.server.io.control import KickOrder, OrderReply, WhoOrder
 from cogrip.server.io.datagram_path import DatagramPath
 from cogrip.server.rate_limit import RateLimiter
 from cogrip.server.roster import RosterEntry
@@ -91,7 +91,7 @@ class Linked:
     """
 
     def __init__(self, by_front: socket.socket | None = None, own: bool = False) -> None:
-        self.front, self.link = (Link(end) for end in message_pair())
+        self.front, self.link = (ProcessLink(end) for end in message_pair())
         self.verdicts = FrontVerdicts(self.link)
         self.port = WorkerSockets(self.link, Stop(), self.verdicts, LinkOrders(self.link), by_front, own)
 
@@ -365,7 +365,7 @@ def test_a_verdict_is_of_its_own_message_alone(served: Served, public: socket.so
     bens = padded(hello(nonce=3, name="ben"))
     peer.sendto(bens, public.getsockname())
     until = time.monotonic() + 10.0
-    while not any(isinstance(each, Asked) for each in served.said()):  # the front is asked
+    while not any(isinstance(each, HelloByPath) for each in served.said()):  # the front is asked
         assert time.monotonic() < until
         served.turn()
     while served.link.send(Say((HOST, 5), bytes(1000))):  # until the link is full
@@ -385,7 +385,7 @@ def test_a_verdict_is_of_its_own_message_alone(served: Served, public: socket.so
 
 
 def test_a_link_carries_messages_and_descriptors_and_counts_what_it_cannot() -> None:
-    front, worker = (Link(end) for end in message_pair())
+    front, worker = (ProcessLink(end) for end in message_pair())
     read, write = socket.socketpair()
     ask = Ask((HOST, 5), b"hello", Grant("player", "0b9ee21b"), 17)
     assert front.send(ask)
@@ -413,12 +413,12 @@ def test_rooms_are_divided_in_turn() -> None:
 
 def test_answers_of_several_workers_become_one() -> None:
     anna, ben = (RosterEntry(name, room, "", 1.0, 0) for name, room in (("anna", "b"), ("ben", "a")))
-    both = [Answer(True, "1 in 1 room", (anna,)), Answer(True, "1 in 1 room", (ben,))]
-    assert merged(Who(), both, 4) == Answer(True, "2 in 4 rooms", (ben, anna))
-    here = [Answer(False, "nobody here is 'anna'"), Answer(True, "anna was kicked")]
-    assert merged(Kick("anna"), here, 4) == Answer(True, "anna was kicked")
-    assert not merged(Kick("zoe"), here[:1] * 2, 4).ok
-    assert not merged(Who(), [], 4).ok
-    silent = Answer(False, "room attic has not answered; try again")
-    assert merged(Who(), [silent, silent], 2) == silent, "nobody knows who is there"
-    assert merged(Who(), [both[0], silent], 2).text.endswith("rooms; room attic has not answered; try again")
+    both = [OrderReply(True, "1 in 1 room", (anna,)), OrderReply(True, "1 in 1 room", (ben,))]
+    assert merged(WhoOrder(), both, 4) == OrderReply(True, "2 in 4 rooms", (ben, anna))
+    here = [OrderReply(False, "nobody here is 'anna'"), OrderReply(True, "anna was kicked")]
+    assert merged(KickOrder("anna"), here, 4) == OrderReply(True, "anna was kicked")
+    assert not merged(KickOrder("zoe"), here[:1] * 2, 4).ok
+    assert not merged(WhoOrder(), [], 4).ok
+    silent = OrderReply(False, "room attic has not answered; try again")
+    assert merged(WhoOrder(), [silent, silent], 2) == silent, "nobody knows who is there"
+    assert merged(WhoOrder(), [both[0], silent], 2).text.endswith("rooms; room attic has not answered; try again")

@@ -16,7 +16,7 @@ import pytest
 from cogrip.devices.emulated.faults import VERBS
 from cogrip.devices.emulated.firmware import JUMP_COUNTS, Firmware
 from cogrip.devices.emulated.inverse_service import IDLE_NS
-from cogrip.sim.laboratory import Laboratory, Person
+from cogrip.sim.laboratory import Laboratory, LaboratoryPerson
 
 from tests.extent import every, long
 from tests.sim.session_measures import allowed, laboratory_of, run_frames
@@ -74,7 +74,7 @@ def session(wire: str, seconds: float, hands: tuple[str, str] = HANDS, pose: str
     return laboratory_of(seconds=seconds, coupling=coupling, link={"delay_ms": 7}, playout={"frames": 1}, users=users)
 
 
-def firmware(person: Person) -> Firmware:
+def firmware(person: LaboratoryPerson) -> Firmware:
     return person.device.firmware
 
 
@@ -233,7 +233,7 @@ def test_re_arming_works_once_the_cause_is_gone(wire: str, verb: str) -> None:
     assert passive(laboratory)
 
 
-def calibrate(person: Person) -> None:
+def calibrate(person: LaboratoryPerson) -> None:
     """The person puts the arm into its home pose, runs `cogrip devices calibrate`, and takes it somewhere else."""
     device = person.device
     mechanics = device.firmware.mechanics

@@ -24,7 +24,7 @@ from cogrip.results.plots import compared
 from cogrip.results.plots.energy import energies
 from cogrip.results.summary import of_laboratory
 from cogrip.results.summary_values import seat_sessions
-from cogrip.results.traces import Run, load_run
+from cogrip.results.traces import TracedRun, load_run
 from cogrip.results.verdict import passive
 from cogrip.server.inputs import Kick
 from cogrip.sim.laboratory import Laboratory
@@ -211,13 +211,13 @@ def test_a_new_server_begins_a_new_line_and_the_client_keeps_the_least_of_all() 
 
 
 @pytest.fixture(scope="module")
-def run(tmp_path_factory: pytest.TempPathFactory) -> Run:
+def run(tmp_path_factory: pytest.TempPathFactory) -> TracedRun:
     folder = tmp_path_factory.mktemp("reserves")
     run_laboratory(session(playout={"tank_mj": 0.0}), folder)
     return load_run(folder)
 
 
-def test_the_recorded_reserves_lead_to_the_margins_and_to_the_least_in_the_summary(run: Run) -> None:
+def test_the_recorded_reserves_lead_to_the_margins_and_to_the_least_in_the_summary(run: TracedRun) -> None:
     for number, user in enumerate(run.summary["users"]):
         ticks = run.clients[user["name"]].columns
         traces = {
@@ -235,7 +235,7 @@ def test_the_recorded_reserves_lead_to_the_margins_and_to_the_least_in_the_summa
             assert np.nanmin(reserve_j) >= user["energy"][f"{ledger}_margin_j"] - ROUNDING_J
 
 
-def test_the_plots_draw_the_reserves_as_curves_above_their_border(run: Run) -> None:
+def test_the_plots_draw_the_reserves_as_curves_above_their_border(run: TracedRun) -> None:
     figure = energies(run)
     for left, right in zip(figure.axes[::2], figure.axes[1::2], strict=True):
         assert (len(left.lines), len(right.lines)) == (3, 3)
@@ -247,7 +247,7 @@ def test_the_plots_draw_the_reserves_as_curves_above_their_border(run: Run) -> N
     assert [len(panel.lines) for panel in pair.axes] == [4, 2, 4, 2]
 
 
-def test_recordings_of_older_versions_have_no_empty_panel(run: Run) -> None:
+def test_recordings_of_older_versions_have_no_empty_panel(run: TracedRun) -> None:
     def without_reserves(columns: Any) -> dict[str, Any]:
         return {key: columns[key] * (np.nan if key.endswith("reserve_j") else 1.0) for key in columns}
 
@@ -261,7 +261,7 @@ def test_recordings_of_older_versions_have_no_empty_panel(run: Run) -> None:
 
 
 @pytest.mark.parametrize("width", [80, 120])
-def test_the_terminal_says_the_least_reserves_and_the_leak(run: Run, width: int) -> None:
+def test_the_terminal_says_the_least_reserves_and_the_leak(run: TracedRun, width: int) -> None:
     lines = printed(run.summary, width).splitlines()
     assert all(len(line) <= width for line in lines)
     text = " ".join(" ".join(lines).split())
@@ -274,7 +274,7 @@ def test_the_terminal_says_the_least_reserves_and_the_leak(run: Run, width: int)
     assert " mJ " in row or " µJ " in row
 
 
-def test_a_negative_margin_is_not_hidden_by_a_reserve(run: Run) -> None:
+def test_a_negative_margin_is_not_hidden_by_a_reserve(run: TracedRun) -> None:
     """Both may be so: a line that gave out energy in its first second, a device whose deficit was written off."""
     anna, ben = run.summary["users"]
     line = {**anna, "energy": {**anna["energy"], "line_margin_j": -0.25}}
@@ -286,7 +286,7 @@ def test_a_negative_margin_is_not_hidden_by_a_reserve(run: Run) -> None:
     assert "after the first second" not in text
 
 
-def test_where_no_ledger_is_kept_or_the_session_was_short_nothing_is_said(run: Run) -> None:
+def test_where_no_ledger_is_kept_or_the_session_was_short_nothing_is_said(run: TracedRun) -> None:
     users = [
         {**user, "energy": {**user["energy"], **dict.fromkeys(f"{each}_reserve_j" for each in LEDGERS)}}
         for user in run.summary["users"]

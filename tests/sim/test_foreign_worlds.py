@@ -20,7 +20,7 @@ from cogrip.server.checkpoint import CheckpointError, decode, encode
 from cogrip.server.core import ServerCore
 from cogrip.server.io.call_limit import call_limit
 from cogrip.server.io.loop import LiveServer
-from cogrip.server.ports.seat_limits import Record
+from cogrip.server.ports.seat_limits import ClaimedRecord
 from cogrip.server.rate_limit import RateLimiter
 from cogrip.server.room import Room
 from cogrip.server.unencrypted_channel import UnencryptedListener
@@ -147,7 +147,7 @@ def test_other_rooms_go_on_when_a_world_fails(tmp_path: Path) -> None:
     )
     for room in core.rooms:
         for seat in room.seats:
-            room.take_seat(seat.number, next(sessions), 1, 0, Record("sim:ideal", 1, 1024.0, 40.0, 4.0))
+            room.take_seat(seat.number, next(sessions), 1, 0, ClaimedRecord("sim:ideal", 1, 1024.0, 40.0, 4.0))
             seat.address = f"{room.name} {seat.name}"
     world_in(core.rooms[0]).failed = "python:failing.py:Failing: broken"
     for room in 2 * core.rooms:

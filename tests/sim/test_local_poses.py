@@ -24,7 +24,7 @@ from cogrip.results.replay.verify import verify
 from cogrip.results.summary import of_laboratory
 from cogrip.results.verdict import passive
 from cogrip.server.room import Room
-from cogrip.server.worlds.local_scene import LocalScene
+from cogrip.server.worlds.local_scene import LocalSceneWorld
 from cogrip.sim.laboratory import Laboratory
 
 from tests.extent import every, long
@@ -81,7 +81,7 @@ def test_free_motion_feels_the_device_alone_and_turning_its_line(network: str) -
     forces, tool_m = zip(*by_tick(laboratory, lambda _: (core.force_n, float(world.proxy(0)[0]))), strict=True)
     assert {force[:3] for force in forces} == {(0.0, 0.0, 0.0)}
     assert max(hypot(*force[3:]) for force in forces) > 0.01, "N/l of the line"
-    assert isinstance(world, LocalScene)
+    assert isinstance(world, LocalSceneWorld)
     assert world.kinematic.all()
     assert max(tool_m) > 0.05
     assert world.proxy(0)[:3] == pytest.approx(core.seated.pose[:3], abs=1e-4)
@@ -146,7 +146,7 @@ def test_lines_that_take_hold_of_tools_are_passive(network: str, seed: int) -> N
     settings = lifting(network, seed)
     laboratory = Laboratory(settings)
     world = laboratory.room.world
-    assert isinstance(world, LocalScene)
+    assert isinstance(world, LocalSceneWorld)
     rows = by_tick(laboratory, lambda _: (world.kinematic.tolist(), float(world.position[2])))
     account_of(laboratory)
     summary = of_laboratory(laboratory)

@@ -19,7 +19,7 @@ from cogrip.results import laboratory_run
 from cogrip.results.laboratory_run import run_laboratory
 from cogrip.results.records import open_run
 from cogrip.server import inputs
-from cogrip.server.seats.markers import BURST, MOST_TOLD, TOLD_S, Markers
+from cogrip.server.seats.markers import BURST, MOST_TOLD, TOLD_S, RoomMarkers
 from cogrip.sim.laboratory import Laboratory
 from cogrip.sim.link import LinkEmulator
 
@@ -154,7 +154,7 @@ def test_an_observer_sets_none() -> None:
 
 def test_who_comes_is_not_told_that_everybody_held_on_before() -> None:
     """Their hand would begin, though somebody else may have left meanwhile; other markers of before are told."""
-    markers = Markers(128)
+    markers = RoomMarkers(128)
     markers.add(EVERYBODY, 0)
     markers.add(EVERYBODY, 0, 1, 7)  # a person's words
     markers.add("lamp on", 0)
@@ -165,7 +165,7 @@ def test_who_comes_is_not_told_that_everybody_held_on_before() -> None:
 
 
 def test_a_text_is_one_line_of_bounded_length() -> None:
-    markers = Markers(128)
+    markers = RoomMarkers(128)
     mark = markers.add("two\nlines " + "x" * 200, 0)
     assert mark.text.startswith("two\\nlines xxx")
     assert len(mark.text.encode()) == MARK_BYTES
@@ -173,7 +173,7 @@ def test_a_text_is_one_line_of_bounded_length() -> None:
 
 def test_people_who_set_many_keep_nobody_from_being_heard() -> None:
     """Four people set as many as they may before the next step; so does the administrator, after that."""
-    markers = Markers(128)
+    markers = RoomMarkers(128)
     markers.add("lamp on", 0)
     markers.add("quiet", 0, 9, 1)
     for seat in range(4):
@@ -188,7 +188,7 @@ def test_people_who_set_many_keep_nobody_from_being_heard() -> None:
 
 
 def test_a_marker_is_told_for_a_while() -> None:
-    markers = Markers(128)
+    markers = RoomMarkers(128)
     markers.add("now", 1000)
     told = [step for step in range(1000, 2000) if markers.due(step)]
     assert (told[0], told[1]) == (1000, 1001)

@@ -15,7 +15,7 @@ from cogrip.protocol.settings.rates import Rates
 from cogrip.protocol.settings.sections import Playout
 from cogrip.results.report.tables import people_table
 from cogrip.results.summary import of_laboratory
-from cogrip.sim.laboratory import Laboratory, Person
+from cogrip.sim.laboratory import Laboratory, LaboratoryPerson
 from cogrip.sim.link import LinkEmulator
 
 from tests.extent import long
@@ -37,7 +37,7 @@ class OtherClock:
         return getattr(self._core, name)
 
 
-def with_clock(person: Person, clock: Callable[[int], int]) -> RecordedClient:
+def with_clock(person: LaboratoryPerson, clock: Callable[[int], int]) -> RecordedClient:
     """Give a person's client this clock from now on. Returns its core."""
     core = person.core
     person.core = OtherClock(core, clock)  # type: ignore[assignment]
@@ -179,7 +179,7 @@ class Felt:
                 self._pressed = []
 
 
-def reroute(person: Person, delay_ms: float, seconds: float) -> None:
+def reroute(person: LaboratoryPerson, delay_ms: float, seconds: float) -> None:
     """Change the network path: datagrams under way on the old one are lost."""
     person.up = LinkEmulator(LinkProfile(delay_ms=delay_ms), f"{person.name}/up/{seconds}")
     person.down = LinkEmulator(LinkProfile(delay_ms=delay_ms), f"{person.name}/down/{seconds}")

@@ -5,7 +5,7 @@ from pathlib import Path
 import pytest
 
 from cogrip.cli.settings.settings_file import load
-from cogrip.protocol.recording.sink import Held
+from cogrip.protocol.recording.sink import HeldSink
 from cogrip.sim.laboratory import Laboratory
 
 from tests.extent import long
@@ -22,10 +22,10 @@ UNROLLED = (
 
 def recorded(settings: str, changes: list[str]) -> list[list[tuple[int, int, bytes]]]:
     """Return the messages of each end's recording."""
-    sinks: list[Held] = []
+    sinks: list[HeldSink] = []
 
-    def record(core: object, who: str) -> Held:
-        sinks.append(Held())
+    def record(core: object, who: str) -> HeldSink:
+        sinks.append(HeldSink())
         return sinks[-1]
 
     Laboratory(load(Path(settings), changes), record).run()

@@ -13,8 +13,8 @@ import numpy as np
 
 from cogrip.server.worlds.scene_file import Held, load_scene
 from cogrip.server.worlds.scene_shapes import Drawn, shapes_of
-from cogrip.view.frames import Frame, encode
-from cogrip.view.scene import Scene, SceneObject, to_json, workspace_of
+from cogrip.view.frames import SceneFrame, encode
+from cogrip.view.scene import DrawnObject, PageScene, to_json, workspace_of
 
 from tests.view.browser_page import BrowserPage
 from tests.view.drawn_scenes import SCENES
@@ -46,7 +46,7 @@ class Compared:
     theirs: np.ndarray
 
 
-def drawn_of(path: Path) -> tuple[Scene, Frame, Drawn]:
+def drawn_of(path: Path) -> tuple[PageScene, SceneFrame, Drawn]:
     """Return a scene file as a page is told of it: bodies where they start, in the file's own frame."""
     scene = load_scene(path, [Held("ball", "left", "")], STEP_S)
     drawn, data = shapes_of(scene, np.zeros(3)), scene.start.data(scene.model)
@@ -56,11 +56,11 @@ def drawn_of(path: Path) -> tuple[Scene, Frame, Drawn]:
     turns = np.concatenate((data.xquat[drawn.bodies], np.tile([1.0, 0.0, 0.0, 0.0], (len(points), 1))))
     poses = tuple([tuple(row) for row in np.concatenate((places, turns), axis=1).tolist()])
     seen = [each for each in drawn.shapes if each.seat is None]
-    told = Scene(
-        path.stem, "live", 3, 128, 1024, SceneObject("scene", "box", (0.04,) * 3, 0.5), geoms=drawn.shapes,
+    told = PageScene(
+        path.stem, "live", 3, 128, 1024, DrawnObject("scene", "box", (0.04,) * 3, 0.5), geoms=drawn.shapes,
         workspace_m=workspace_of(seen, poses),
     )  # fmt: skip
-    frame = Frame(3, 1, 1 / 64, (0.0,) * 3, (0.0,) * 3, (), (1.0, 0.0, 0.0, 0.0), 0, poses)
+    frame = SceneFrame(3, 1, 1 / 64, (0.0,) * 3, (0.0,) * 3, (), (1.0, 0.0, 0.0, 0.0), 0, poses)
     return told, frame, drawn
 
 

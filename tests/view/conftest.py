@@ -7,7 +7,7 @@ from typing import Any
 
 import pytest
 
-from cogrip.view.scene import Scene, to_json
+from cogrip.view.scene import PageScene, to_json
 
 from tests.view.browser_page import BrowserPage, Open, Show, Shown
 from tests.view.browser_program import NoBrowserError, launched
@@ -57,7 +57,7 @@ def shower(open_: Open) -> Iterator[Show]:
     """Yield a function that opens the page of a scene, which a server tells it."""
     with ExitStack() as stack:
 
-        def show_(told: Scene, chunks: Sequence[bytes] = (), more: str = "", **context: Any) -> Shown:
+        def show_(told: PageScene, chunks: Sequence[bytes] = (), more: str = "", **context: Any) -> Shown:
             server = stack.enter_context(serving(PageServer(to_json(told), chunks)))
             page = open_(server.address + more, **context)
             server.wait_for_page()

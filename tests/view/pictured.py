@@ -5,23 +5,23 @@ from math import cos, pi, sin
 
 import msgspec
 
-from cogrip.view.frames import CONTACT, HAND_KNOWN, PUSHES, Frame, PersonFrame, Vector, encode_chunk
-from cogrip.view.scene import Geometry, Mode, Scene, SceneEvent, SceneObject, ScenePerson, colour
+from cogrip.view.frames import CONTACT, HAND_KNOWN, PUSHES, PersonFrame, SceneFrame, Vector, encode_chunk
+from cogrip.view.scene import DrawnObject, Geometry, Mode, PageScene, SceneEvent, ScenePerson, colour
 
 NAMES = ("anna", "ben", "chen", "dora", "emil")
 FRAMES_HZ = 60
 CHUNK_S = 10
 
 
-def scene(people: int = 2, axes: int = 3, mode: Mode = "live", hand: bool = False) -> Scene:
+def scene(people: int = 2, axes: int = 3, mode: Mode = "live", hand: bool = False) -> PageScene:
     """Return a scene with a box of 40 mm, whose middle no marker covers."""
-    return Scene(
+    return PageScene(
         room="demo",
         mode=mode,
         axes=axes,
         network_hz=128,
         device_hz=1024,
-        object=SceneObject("mass", "box", (0.04, 0.04, 0.04), 0.5),
+        object=DrawnObject("mass", "box", (0.04, 0.04, 0.04), 0.5),
         people=tuple([ScenePerson(seat, NAMES[seat], colour(seat), anchor(seat, people)) for seat in range(people)]),
         geometry=(Geometry("plane", (-0.1, 0.0, 0.0), (1.0, 0.0, 0.0), (0.0, 0.2, 0.2)),),
         hand=hand,
@@ -35,10 +35,10 @@ def anchor(seat: int, people: int) -> Vector:
     return 0.028 * cos(angle), 0.028 * sin(angle), 0.0
 
 
-def frame(number: int, position_m: Vector = (0.0, 0.0, 0.0), people: int = 2, contact: bool = False) -> Frame:
+def frame(number: int, position_m: Vector = (0.0, 0.0, 0.0), people: int = 2, contact: bool = False) -> SceneFrame:
     """Return a frame with people who hold the object at `position_m`, each a little apart from it."""
     x, y, z = position_m
-    return Frame(
+    return SceneFrame(
         axes=3,
         number=number,
         time_s=number / FRAMES_HZ,
@@ -72,14 +72,14 @@ def person(seat: int, number: int, object_m: Vector) -> PersonFrame:
     )
 
 
-def moving(number: int, people: int = 2) -> Frame:
+def moving(number: int, people: int = 2) -> SceneFrame:
     """Return a frame of an object on its way around a circle that no float32 holds."""
     angle = number / 37
     position: Vector = (0.05 * cos(angle), 0.05 * sin(angle), 0.01 * sin(angle / 3))
     return frame(number, position, people, contact=number % 120 < 60)
 
 
-def recording(seconds: int, people: int = 2) -> tuple[Scene, list[bytes], list[Frame]]:
+def recording(seconds: int, people: int = 2) -> tuple[PageScene, list[bytes], list[SceneFrame]]:
     """Return scene, chunks and frames of a recording."""
     frames = [moving(number, people) for number in range(seconds * FRAMES_HZ)]
     size = CHUNK_S * FRAMES_HZ
@@ -94,7 +94,7 @@ def recording(seconds: int, people: int = 2) -> tuple[Scene, list[bytes], list[F
     return whole, [encode_chunk(number, part) for number, part in enumerate(parts)], frames
 
 
-def lost(before: Frame, seat: int) -> Frame:
+def lost(before: SceneFrame, seat: int) -> SceneFrame:
     """Return a frame in which a person has no state."""
     people = tuple([PersonFrame(each.seat) if each.seat == seat else each for each in before.people])
     return replace(before, people=people)

@@ -7,11 +7,11 @@ from contextlib import asynccontextmanager
 from dataclasses import dataclass, field
 
 from cogrip.view.access import Access
-from cogrip.view.frames import Frame, encode
+from cogrip.view.frames import SceneFrame, encode
 from cogrip.view.io.feed import ChunkError
 from cogrip.view.io.page_server import Admitted, DeniedError, PageServer
 from cogrip.view.page import ServedFile
-from cogrip.view.scene import Scene, SceneObject
+from cogrip.view.scene import DrawnObject, PageScene
 from cogrip.view.tab import Tab
 from cogrip.view.visitors import VisitorLimits, Visitors
 
@@ -25,11 +25,11 @@ TEXT, BINARY, CLOSE = 1, 2, 8
 class ShownFeed:
     """A feed of one object that nobody holds."""
 
-    scene: Scene = field(
-        default_factory=lambda: Scene("demo", "live", 3, 128, 1024, SceneObject("mass", "box", (0.04,) * 3, 0.5))
+    scene: PageScene = field(
+        default_factory=lambda: PageScene("demo", "live", 3, 128, 1024, DrawnObject("mass", "box", (0.04,) * 3, 0.5))
     )
     tabs: dict[Tab, bool] = field(default_factory=dict)
-    frame: Frame | None = None
+    frame: SceneFrame | None = None
     ended: str = ""
 
     def chunk(self, number: int) -> bytes:
@@ -37,7 +37,7 @@ class ShownFeed:
 
     def show(self, number: int) -> None:
         """Show all tabs the frame of a step."""
-        frame = Frame(3, number, number / 128, (1e-3 * number, 0.0, 0.0), (0.0,) * 3, ())
+        frame = SceneFrame(3, number, number / 128, (1e-3 * number, 0.0, 0.0), (0.0,) * 3, ())
         for tab in self.tabs:
             tab.show(encode(frame))
 

@@ -14,7 +14,7 @@ import pytest
 from cogrip.cli.settings.settings_file import load
 from cogrip.devices.web.messages import FrameError
 from cogrip.protocol.drawing import TILE, Shape, pack_points, pack_triangles
-from cogrip.protocol.recording.reader import Message
+from cogrip.protocol.recording.reader import RecordedMessage
 from cogrip.protocol.wire.messages import Pose, View
 from cogrip.results.laboratory_run import run_laboratory
 from cogrip.results.records import open_run
@@ -22,7 +22,7 @@ from cogrip.results.replay.verify import verify
 from cogrip.view.frames import BODY_BYTES, decode, decode_chunk, encode, encode_chunk
 from cogrip.view.page import self_contained
 from cogrip.view.recording import ViewError, open_view
-from cogrip.view.scene import WORKSPACE_M, Scene, to_json, turn_of, workspace_of
+from cogrip.view.scene import WORKSPACE_M, PageScene, to_json, turn_of, workspace_of
 
 from tests.extent import long
 from tests.recording_files import rewrite
@@ -41,7 +41,7 @@ HERE: Pose = (0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0)
 TURN = 0.4  # of the box about z, from one edge upright before the camera to another
 
 
-def drawn_of(shapes: tuple[Shape, ...] = KINDS) -> Scene:
+def drawn_of(shapes: tuple[Shape, ...] = KINDS) -> PageScene:
     return msgspec.structs.replace(scene(), geoms=shapes)
 
 
@@ -260,7 +260,7 @@ def test_a_recording_with_impossible_bodies_is_told_or_shown_without_them(lift_r
     def spoil(wanted: str, payload: bytes, after: int = 0) -> Path:
         seen = 0
 
-        def alter(kind: str, message: Message) -> bytes:
+        def alter(kind: str, message: RecordedMessage) -> bytes:
             nonlocal seen
             seen += kind == wanted
             return payload if kind == wanted and seen > after else message.payload

@@ -6,8 +6,8 @@ import re
 import pytest
 
 from cogrip.devices.web.messages import OwnHand, Pointer, decode_pointer, encode_own_hand
-from cogrip.view.frames import Frame, PersonFrame, encode
-from cogrip.view.scene import Scene, to_json
+from cogrip.view.frames import PersonFrame, SceneFrame, encode
+from cogrip.view.scene import PageScene, to_json
 
 from tests.view.example_programs import LIMIT_S, example, started
 from tests.view.page_server import TOKEN, PageServer, serving
@@ -23,14 +23,14 @@ def command(request: pytest.FixtureRequest) -> list[str]:
     return example(request.param)
 
 
-def moment(number: int) -> Frame:
+def moment(number: int) -> SceneFrame:
     """Return a frame of anna, who holds on, and ben, who is not there any more."""
     here = (0.01 * math.sin(number), -0.02, 0.001 * number)
     anna = PersonFrame(0, "degraded", hand_m=(1 / 3, -0.05, 0.007 * number), force_n=(3.0, 4.0 * number, 0.0))
-    return Frame(3, number, 100.0 + number / 64, here, (0.0, 0.0, 0.0), (anna, PersonFrame(1)))
+    return SceneFrame(3, number, 100.0 + number / 64, here, (0.0, 0.0, 0.0), (anna, PersonFrame(1)))
 
 
-def assert_printed(line: str, frame: Frame, told: Scene) -> None:
+def assert_printed(line: str, frame: SceneFrame, told: PageScene) -> None:
     found = SEEN.fullmatch(line.strip())
     assert found, line
     assert float(found[1]) == pytest.approx(frame.time_s, abs=0.0005001)

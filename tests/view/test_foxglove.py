@@ -13,10 +13,10 @@ from hypothesis import strategies as st
 from websockets.exceptions import ConnectionClosed
 
 from cogrip.view.foxglove import SUBPROTOCOLS, FoxgloveError, FoxgloveSession, subprotocol
-from cogrip.view.frames import HAND_KNOWN, Frame, PersonFrame
+from cogrip.view.frames import HAND_KNOWN, PersonFrame, SceneFrame
 from cogrip.view.playback import Playback
 from cogrip.view.recording import RecordedView, open_view
-from cogrip.view.scene import Scene, SceneObject, ScenePerson
+from cogrip.view.scene import DrawnObject, PageScene, ScenePerson
 
 from tests.foxglove_schemas import PUBLISHED, check_schema, check_value
 from tests.view.foxglove_client import ENDED, PAUSE, PAUSED, PLAY, PLAYING, Client, connected
@@ -25,8 +25,8 @@ from tests.view.recorded_runs import recorded_run
 
 ANNA = ScenePerson(0, "anna", "#0072B2", (-0.02, 0.0, 0.0))
 BEN = ScenePerson(1, "ben", "#D55E00", (0.02, 0.0, 0.0))
-LIVE = Scene("demo", "live", 3, 128, 1024, SceneObject("cube", "box", (0.04, 0.04, 0.04), 0.2), (ANNA, BEN))
-FRAME = Frame(
+LIVE = PageScene("demo", "live", 3, 128, 1024, DrawnObject("cube", "box", (0.04, 0.04, 0.04), 0.2), (ANNA, BEN))
+FRAME = SceneFrame(
     3, 7, 1.5, (0.01, 0.02, 0.03), (0.0, 0.0, 0.0),
     (PersonFrame(0, "live", HAND_KNOWN, 3, (0.1, 0.2, 0.3), (0.01, 0.0, 0.0), (2.0, 0.0, 0.0), rtt_ms=48.0), PersonFrame(1)),
 )  # fmt: skip

@@ -25,7 +25,7 @@ from cogrip.devices.web.messages import Pointer, encode_pointer
 from cogrip.protocol.wire.join_link import JoinLink, parse_link
 from cogrip.server.io.state_folder import find_folder
 from cogrip.server.io.token_file import TokenFile, draw_token
-from cogrip.view.frames import Frame, decode
+from cogrip.view.frames import SceneFrame, decode
 from cogrip.view.io.page_server import OURS
 from cogrip.view.io.peer_log import LOG_LINES
 from cogrip.view.visitors import VisitorLimits
@@ -104,7 +104,7 @@ async def closed(tab: ClientConnection) -> tuple[int, str]:
     return tab.close_code or 0, tab.close_reason or ""
 
 
-async def frame(tab: ClientConnection) -> Frame:
+async def frame(tab: ClientConnection) -> SceneFrame:
     """Return the next frame."""
     while True:
         message = await tab.recv()

@@ -6,7 +6,7 @@ import pytest
 
 from cogrip.cli.main import main
 from cogrip.cli.session.gateway_certificate import tls_of
-from cogrip.cli.session.join_target import Target
+from cogrip.cli.session.join_target import JoinTarget
 from cogrip.cli.terminal.problem import BadInput
 from cogrip.cli.terminal.qr_code import qr_code
 from cogrip.protocol.io.certificate import load
@@ -47,8 +47,8 @@ def test_bad_input_is_one_line_before_anything_is_served(cogrip, arguments, word
     assert LINK.rpartition(".")[2] not in error
 
 
-def target(fingerprint: str) -> Target:
-    return Target("192.0.2.7", 47999, "demo", fingerprint, draw_token())
+def target(fingerprint: str) -> JoinTarget:
+    return JoinTarget("192.0.2.7", 47999, "demo", fingerprint, draw_token())
 
 
 def test_the_servers_certificate_is_taken_where_it_is_that_of_the_link(tmp_path, monkeypatch):

@@ -17,7 +17,7 @@ from cogrip.server.recorder import DATAGRAM_OUT
 from cogrip.server.seats.observers import PEOPLE_A_VIEW, VIEWS_HZ
 from cogrip.sim.laboratory import Laboratory
 from cogrip.view import frames
-from cogrip.view.frames import Frame
+from cogrip.view.frames import SceneFrame
 from cogrip.view.live import OLD_AFTER, LiveScene
 
 FRAME_S = 1 / 128
@@ -33,7 +33,7 @@ class Watched:
         )
         self.observer = ObserverCore(ClientSession(hello))
         self.messages: list[View | Person] = []
-        self.frames: list[Frame] = []
+        self.frames: list[SceneFrame] = []
         self.live: LiveScene | None = None
         self._old = old
         self.lab = Laboratory(settings, lambda core, who: self if who == "" else Ignored())

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from cogrip.view.frames import NOT_PASSIVE, encode
-from cogrip.view.scene import Scene, SceneEvent, to_json
+from cogrip.view.scene import PageScene, SceneEvent, to_json
 
 from tests.extent import long
 from tests.view.browser_page import BrowserPage, Open, Show, Shown
@@ -35,7 +35,7 @@ def opened(show_shared: Show) -> Shown:
 
 
 @contextmanager
-def told(opened: Shown, other: Scene) -> Iterator[None]:
+def told(opened: Shown, other: PageScene) -> Iterator[None]:
     """Tell the page of another scene for a while."""
     page, server = opened
     for each in (other, scene()):

@@ -5,7 +5,7 @@ from typing import Any
 
 import pytest
 
-from cogrip.view.frames import Frame
+from cogrip.view.frames import SceneFrame
 from cogrip.view.page import self_contained
 from cogrip.view.scene import to_json
 
@@ -41,7 +41,7 @@ def seek(page: BrowserPage, time_s: float) -> None:
     page.state(f"cogrip.seek({time_s!r})")
 
 
-def assert_drawn_exactly(drawn: dict[str, Any], frame: Frame) -> None:
+def assert_drawn_exactly(drawn: dict[str, Any], frame: SceneFrame) -> None:
     """The pose in the picture is that of the recording, to the last bit."""
     assert drawn["time_s"] == frame.time_s
     assert drawn["drawn"]["object"] == list(frame.position_m)

@@ -18,7 +18,7 @@ from cogrip.experiments.study.questions import MOST_TEXT, Question, items_of
 from cogrip.view.frames import encode
 from cogrip.view.hello import MOST_NUMBER, PageError, PanelReply, read_text
 from cogrip.view.io.study_page import StudyPage
-from cogrip.view.panel import Panel, PanelMessage, Prompt, Target
+from cogrip.view.panel import GoalPlace, Panel, PanelMessage, Prompt
 from cogrip.view.tab import Tab
 
 from tests.experiments.studies import PLAIN, parsed
@@ -195,7 +195,7 @@ def test_draft_outlasts_a_break_and_texts_are_no_markup(asked: Asked) -> None:
     [((0.03,), [0.02, 0.2, 0.2]), ((0.03, 0.01), [0.02, 0.02, 0.2]), ((0.03, 0.0, 0.02), [0.02] * 3)],
 )
 def test_target_is_drawn_where_the_goal_is(asked: Asked, place_m: tuple[float, ...], size: list[float]) -> None:
-    asked.show(PanelMessage("P01", "running", target=Target(place_m, 0.01)))
+    asked.show(PanelMessage("P01", "running", target=GoalPlace(place_m, 0.01)))
     asked.server.send(encode(frame(1)))
     asked.page.until(
         f"cogrip.frame?.drawn.target?.place[0] === 0.03 && cogrip.frame.drawn.target.size[2] === {size[2]}"

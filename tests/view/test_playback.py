@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from cogrip.view.frames import ZERO, Frame
+from cogrip.view.frames import ZERO, SceneFrame
 from cogrip.view.playback import LEAST_SPEED, MOST_FRAMES, MOST_SPEED, Playback
 from cogrip.view.recording import CHUNK_S
 
@@ -15,9 +15,9 @@ RATE_HZ = 64
 DURATION_S = 25.0
 
 
-def frames_of(chunk: int) -> Sequence[Frame]:
+def frames_of(chunk: int) -> Sequence[SceneFrame]:
     numbers = range(round(chunk * CHUNK_S * RATE_HZ), round(min((chunk + 1) * CHUNK_S, DURATION_S + 1e-9) * RATE_HZ))
-    return [Frame(3, number, number / RATE_HZ, ZERO, ZERO, ()) for number in numbers]
+    return [SceneFrame(3, number, number / RATE_HZ, ZERO, ZERO, ()) for number in numbers]
 
 
 @pytest.fixture
@@ -25,7 +25,7 @@ def playback() -> Playback:
     return Playback(frames_of, 3, DURATION_S)
 
 
-def times(frames: Sequence[Frame]) -> list[float]:
+def times(frames: Sequence[SceneFrame]) -> list[float]:
     return [frame.time_s for frame in frames]
 
 

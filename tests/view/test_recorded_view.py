@@ -11,13 +11,13 @@ import numpy as np
 import pytest
 
 from cogrip.protocol.recording.header import Header, versions_here
-from cogrip.protocol.recording.reader import Message
+from cogrip.protocol.recording.reader import RecordedMessage
 from cogrip.protocol.recording.records import Event, Step
 from cogrip.protocol.recording.sink import encode
 from cogrip.protocol.settings.room import resolve
 from cogrip.results.records import open_run
 from cogrip.server.recorder import server_topics, start_text
-from cogrip.view.frames import HAND_KNOWN, Frame, decode_chunk
+from cogrip.view.frames import HAND_KNOWN, SceneFrame, decode_chunk
 from cogrip.view.recorded_events import client_event, server_event
 from cogrip.view.recording import CHUNK_S, ViewError, open_view
 from cogrip.view.scene import to_json
@@ -34,10 +34,10 @@ def run(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return recorded_run(folder, 11.5, playout={"redundancy": 1}, rates={"device_hz": 512})
 
 
-def decoded(path: Path) -> list[Frame]:
+def decoded(path: Path) -> list[SceneFrame]:
     """Return all frames of a run, as a page has them from its chunks."""
     view = open_view(path)
-    found: list[Frame] = []
+    found: list[SceneFrame] = []
     for number in range(view.scene.chunks):
         told, frames = decode_chunk(view.chunk(number), len(view.scene.people))
         assert told == number
@@ -114,7 +114,7 @@ def test_hands_are_drawn_from_where_joining_put_them(run: Path, tmp_path: Path) 
     """The recorded proxy of somebody who joined with the hand at 0.3 m: it began on the object."""
     shutil.copytree(run, tmp_path / "run")
 
-    def elsewhere(kind: str, message: Message) -> bytes:
+    def elsewhere(kind: str, message: RecordedMessage) -> bytes:
         if kind != "step":
             return message.payload
         step = msgspec.json.decode(message.payload, type=Step)

@@ -24,7 +24,14 @@ from cogrip.analysis.linear_session import (
     seat_session,
     seats_on_devices,
 )
-from cogrip.analysis.stability import SEARCHED_FROM_NPM, Limit, Verdict, largest_stable, optimistic_limit, verdict
+from cogrip.analysis.stability import (
+    SEARCHED_FROM_NPM,
+    Limit,
+    StabilityVerdict,
+    largest_stable,
+    optimistic_limit,
+    verdict,
+)
 from cogrip.client.hand.velocity import Bound, largest_impedance
 from cogrip.client.seat.rendered_damper import ROUNDING, bound_words, damper_on, refusal, rounded_down
 from cogrip.devices.device import MOST_SLOPE_NPS, Capability
@@ -82,7 +89,7 @@ class UserAdvice:
 
 @dataclass(frozen=True, slots=True)
 class Advice:
-    verdict: Verdict
+    verdict: StabilityVerdict
     limit: Limit
     stiffness_npm: float  # largest stiffness that anybody's spring is rendered with
     users: tuple[UserAdvice, ...]
@@ -180,7 +187,7 @@ def _advise(
     return Advice(found, limit, most, users, tuple(findings))
 
 
-def _stability(session: LinearSession, found: Verdict, limit: Limit, stiffness_npm: float) -> Finding:
+def _stability(session: LinearSession, found: StabilityVerdict, limit: Limit, stiffness_npm: float) -> Finding:
     if limit.stiffness_npm == 0.0:
         why = f"{TOO_MUCH[session.scheme]}; {_calmer(session)}"
         text = f"NOT stable at any stiffness, by the linear model with free hands: {why}"

@@ -13,14 +13,14 @@ from math import sqrt
 import numpy as np
 
 from cogrip.analysis.decimation_passivity import lowpass_pole
-from cogrip.analysis.linear_session import Person
+from cogrip.analysis.linear_session import LinearPerson
 from cogrip.analysis.state_space import Array, StateSpace, close, delay, diagonal, lift, series, through
 from cogrip.client.hand.velocity import hand_memory, observer_gains
 from cogrip.devices.simulated.zero_order_hold import discretise
 from cogrip.protocol.settings.rates import Rates
 
 
-def device_block(person: Person, rates: Rates) -> StateSpace:
+def device_block(person: LinearPerson, rates: Rates) -> StateSpace:
     """Return the device with its estimator: input F, held over a tick; outputs y_est, w and x as read (P eq. 9; F_h apart).
 
     States: x, y; the observer's if estimated (its place less that read, velocity, acceleration by the hand, F of the last L
@@ -53,7 +53,7 @@ def device_block(person: Person, rates: Rates) -> StateSpace:
     return StateSpace(A, B, C, D)
 
 
-def _observe(person: Person, rates: Rates, A: Array, B: Array, C: Array, D: Array) -> None:
+def _observe(person: LinearPerson, rates: Rates, A: Array, B: Array, C: Array, D: Array) -> None:
     """Enter the observer of a device whose samples show displacements C[1], D[1] times T_c."""
     L, T = person.latency_ticks, rates.tick_s
     alpha, beta, gamma = observer_gains(person.memory, hand_memory(T) if person.observes else 1.0)
@@ -81,7 +81,7 @@ def _observe(person: Person, rates: Rates, A: Array, B: Array, C: Array, D: Arra
     C[0, a], C[0, held] = L * T, -per_newton
 
 
-def _layout(person: Person) -> tuple[int, slice]:
+def _layout(person: LinearPerson) -> tuple[int, slice]:
     """Return the number of states for y_est, and the slice of w of the last ticks."""
     own = (3 if person.observes else 0) + person.latency_ticks
     if person.estimated and not person.observes:
@@ -97,36 +97,36 @@ def _remember(A: Array, B: Array, states: slice, row: Array, driven: Array) -> N
         A[first + 1 : end, first : end - 1] = np.eye(end - first - 1)
 
 
-def gliding(person: Person) -> tuple[slice, ...]:
+def gliding(person: LinearPerson) -> tuple[slice, ...]:
     """Return the states of a client that are v while everything moves on at v: y, its estimate, and their past values."""
     own, past = _layout(person)
     return (slice(1, 2), slice(3, 4), past) if person.estimated else (slice(1, 2 + own), past)
 
 
-def pressed(person: Person) -> tuple[tuple[slice, float], ...]:
+def pressed(person: LinearPerson) -> tuple[tuple[slice, float], ...]:
     """Return the states of a client that stand off 0 under a force of 1 N that stands: the hand's acceleration, and F kept."""
     if not person.observes:
         return ()
     return (slice(4, 5), 1.0 / person.assumed_mass_kg), (slice(5, 5 + person.latency_ticks), 1.0)
 
 
-def kept_waves(person: Person) -> slice:
+def kept_waves(person: LinearPerson) -> slice:
     """Return the states of a client of the wave scheme that are v of the last ticks, newest first."""
     _, past = _layout(person)
     return slice(past.stop, past.stop + booked_late(person))
 
 
-def sent_later(person: Person) -> float:
+def sent_later(person: LinearPerson) -> float:
     """Return the part of a frame that is sent with the next one: the last state of a client, where it is above 0."""
     return person.split_ticks / person.rates.ticks_per_frame if person.decimator == "boxcar" else 0.0
 
 
-def booked_late(person: Person) -> int:
+def booked_late(person: LinearPerson) -> int:
     """Return how many ticks late a displacement enters, with the wave of then; y_est goes with the current wave."""
     return person.latency_ticks if person.encoder == "displacement" else 0
 
 
-def wave_tick(person: Person, rates: Rates) -> StateSpace:
+def wave_tick(person: LinearPerson, rates: Rates) -> StateSpace:
     """Return one tick of the wave scheme: input v, output u after the filter (P eq. 12, 16, 32).
 
     The displacement of a tick is the one that its end shows: that of L ticks before, with v of then.
@@ -140,18 +140,18 @@ def wave_tick(person: Person, rates: Rates) -> StateSpace:
     return series(port, _filter(person, rates)) if person.decimator == "lowpass" else port
 
 
-def _filter(person: Person, rates: Rates) -> StateSpace:
+def _filter(person: LinearPerson, rates: Rates) -> StateSpace:
     """Return P eq. 32, discretised exactly; a tick's output contains that tick's input."""
     pole = lowpass_pole(person.lowpass_rad_s, rates)
     return StateSpace(*(np.array([[value]]) for value in (pole, 1.0 - pole, pole, 1.0 - pole)))
 
 
-def decimator_row(person: Person, ticks: int) -> Array:
+def decimator_row(person: LinearPerson, ticks: int) -> Array:
     """Return the weights of a frame's M filtered waves in the one that is sent, shape (M,)."""
     return np.full(ticks, 1.0 / ticks) if person.decimator == "boxcar" else np.eye(ticks)[-1]
 
 
-def wave_frame(person: Person, rates: Rates) -> StateSpace:
+def wave_frame(person: LinearPerson, rates: Rates) -> StateSpace:
     """Return one frame of the wave scheme: input v, held over its ticks (P eq. 15); output the wave sent (P eq. 14).
 
     With a delay of whole frames and p ticks, the frame that is sent has the last p ticks of the frame of v before, and then all
@@ -168,7 +168,7 @@ def wave_frame(person: Person, rates: Rates) -> StateSpace:
     return series(through(np.ones((M, 1)), ticks, parts), later)
 
 
-def wave_filter(person: Person) -> tuple[StateSpace, ...]:
+def wave_filter(person: LinearPerson) -> tuple[StateSpace, ...]:
     """Return the filter on one wave, frame by frame; nothing where there is none. State: its last output."""
     if not person.filter_lag_s:
         return ()
@@ -176,7 +176,7 @@ def wave_filter(person: Person) -> tuple[StateSpace, ...]:
     return (StateSpace(*(np.array([[value]]) for value in (kept, 1.0 - kept, kept, 1.0 - kept))),)
 
 
-def coupled_tick(person: Person, stiffness: Array, rates: Rates) -> StateSpace:
+def coupled_tick(person: LinearPerson, stiffness: Array, rates: Rates) -> StateSpace:
     """Return one tick of virtual coupling: inputs x_o, v_o; outputs x as read, y_est. `stiffness` is K, (...)."""
     device = device_block(person, rates)
     speed, place = device.C[0:1], device.C[2:3]
@@ -188,7 +188,7 @@ def coupled_tick(person: Person, stiffness: Array, rates: Rates) -> StateSpace:
     return StateSpace(device.A + device.B @ own, device.B @ drive, np.concatenate((place, speed)), np.zeros((2, 2)))
 
 
-def coupled_frame(person: Person, stiffness: Array, rates: Rates) -> StateSpace:
+def coupled_frame(person: LinearPerson, stiffness: Array, rates: Rates) -> StateSpace:
     """Return one frame of virtual coupling: inputs x_o, v_o as of its start, held; outputs x, y_est as of its start."""
     tick = coupled_tick(person, stiffness, rates)
     n = tick.states

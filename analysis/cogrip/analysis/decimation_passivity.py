@@ -106,7 +106,7 @@ def swept_sine(rates: Rates, seconds: float, from_hz: float = 1.0) -> Array:
 
 
 @dataclass(frozen=True, slots=True)
-class Run:
+class EnergyRun:
     """The energies of a run [J]: of all fast waves, of all slow ones, and their difference after each frame, (frames,)."""
 
     fast_j: float
@@ -119,7 +119,7 @@ class Run:
         return self.slow_j / self.fast_j if self.fast_j else 0.0
 
 
-def run_energy(decimator: Decimator, signal: Array, rates: Rates) -> Run:
+def run_energy(decimator: Decimator, signal: Array, rates: Rates) -> EnergyRun:
     """Pass a signal [sqrt(W)] of whole frames, tick by tick, through a decimator of one axis as the client does.
 
     Raises ValueError for a signal that is no whole number of frames.
@@ -134,7 +134,7 @@ def run_energy(decimator: Decimator, signal: Array, rates: Rates) -> Run:
         slow.append(decimator.take()[0])
     fast_j = np.cumsum((signal.reshape(-1, M) ** 2).sum(axis=1)) * 0.5 * rates.tick_s
     slow_j = np.cumsum(np.square(slow)) * 0.5 * rates.frame_s
-    return Run(float(fast_j[-1]), float(slow_j[-1]), fast_j - slow_j)
+    return EnergyRun(float(fast_j[-1]), float(slow_j[-1]), fast_j - slow_j)
 
 
 def _aliases(which: Filter, ticks_per_frame: int, angle: Array) -> Complex:

@@ -13,7 +13,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from math import expm1
 
-from cogrip.analysis.linear_session import FORMS, LinearSession, Person
+from cogrip.analysis.linear_session import FORMS, LinearPerson, LinearSession
 from cogrip.machine.addition import add_floats
 from cogrip.protocol.settings.delays import OneWayDelay
 from cogrip.protocol.settings.rates import Rates
@@ -57,7 +57,7 @@ def total_s(stages: tuple[Stage, ...]) -> float:
     return add_floats(stage.delay_s for stage in stages)
 
 
-def _encoder(person: Person, rates: Rates) -> Stage:
+def _encoder(person: LinearPerson, rates: Rates) -> Stage:
     T, old = rates.tick_s, person.latency_ticks
     late = f"; samples are {old} ticks old" if old else ""
     if person.encoder == "displacement":
@@ -75,7 +75,7 @@ def _encoder(person: Person, rates: Rates) -> Stage:
     return Stage("up", "encoder", (1.0 + lag) * T, f"the velocity estimate of a tick's start, and its own lag{late}")
 
 
-def _decimator(person: Person, rates: Rates) -> Stage:
+def _decimator(person: LinearPerson, rates: Rates) -> Stage:
     T = rates.tick_s
     if person.decimator == "boxcar":
         return Stage("up", "decimator", 0.5 * (rates.ticks_per_frame - 1) * T, "the mean of a frame is from its middle")
@@ -85,7 +85,7 @@ def _decimator(person: Person, rates: Rates) -> Stage:
     return Stage("up", "decimator", 0.0, "no filter: the last wave of a frame")
 
 
-def _filter(person: Person, direction: str) -> tuple[Stage, ...]:
+def _filter(person: LinearPerson, direction: str) -> tuple[Stage, ...]:
     why = "low-pass filter on the wave, for slow motion"
     return (Stage(direction, "wave filter", person.filter_lag_s, why),) if person.filter_lag_s else ()
 

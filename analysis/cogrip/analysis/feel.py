@@ -27,7 +27,7 @@ import numpy as np
 from cogrip.analysis.client_blocks import booked_late, decimator_row
 from cogrip.analysis.decimation_passivity import filter_of, lowpass_pole
 from cogrip.analysis.lifted_model import KINDS
-from cogrip.analysis.linear_session import FORMS, LinearSession, Person
+from cogrip.analysis.linear_session import FORMS, LinearPerson, LinearSession
 from cogrip.analysis.state_space import Array, Complex
 from cogrip.client.hand.velocity import hand_memory, observer_gains
 from cogrip.protocol.settings.rates import Rates
@@ -146,7 +146,7 @@ def slow_feel(session: LinearSession, user: int) -> Slow:
     return Slow(float(stiff[0].real) + inertia * _SLOW_RAD_S[0] ** 2, damping, inertia)
 
 
-def _spring(person: Person, s: Complex) -> Complex:
+def _spring(person: LinearPerson, s: Complex) -> Complex:
     return np.asarray(person.stiffness_npm / s + person.damping_nspm, dtype=np.complex128)
 
 
@@ -162,7 +162,7 @@ def _held(rates: Rates, w: Array) -> Complex:
     return np.asarray(np.exp(-1j * w[:, None] * ticks * rates.tick_s).mean(axis=1), dtype=np.complex128)
 
 
-def _velocity_sample(person: Person, rates: Rates, w: Array) -> tuple[Complex, Complex]:
+def _velocity_sample(person: LinearPerson, rates: Rates, w: Array) -> tuple[Complex, Complex]:
     """Return the velocity in the force law for y = 1, and for a force of 1: exact, or that of `MotionObserver`."""
     if not person.estimated:
         return _late(person, rates, w), np.zeros(len(w), dtype=np.complex128)
@@ -185,12 +185,12 @@ def _velocity_sample(person: Person, rates: Rates, w: Array) -> tuple[Complex, C
     return seen[:, 0], seen[:, 1] - since * T / person.assumed_mass_kg
 
 
-def _late(person: Person, rates: Rates, w: Array) -> Complex:
+def _late(person: LinearPerson, rates: Rates, w: Array) -> Complex:
     """Return the factor of a sample's age."""
     return np.asarray(np.exp(-1j * w * person.latency_ticks * rates.tick_s), dtype=np.complex128)
 
 
-def encoded(person: Person, rates: Rates, w: Array) -> Complex:
+def encoded(person: LinearPerson, rates: Rates, w: Array) -> Complex:
     """Return s(w): the velocity in the waves of a tick, for y = 1 at the tick's start."""
     if person.encoder == "velocity":
         return _velocity_sample(person, rates, w)[0]
@@ -198,7 +198,7 @@ def encoded(person: Person, rates: Rates, w: Array) -> Complex:
     return np.asarray(np.expm1(turn) / turn * _late(person, rates, w), dtype=np.complex128)
 
 
-def decimated(person: Person, rates: Rates, w: Array) -> Complex:
+def decimated(person: LinearPerson, rates: Rates, w: Array) -> Complex:
     """Return D(w): the wave of a frame, for a tone of 1 at the frame's first tick."""
     turn = w * rates.tick_s
     last = np.exp(1j * turn * (rates.ticks_per_frame - 1))
@@ -207,7 +207,7 @@ def decimated(person: Person, rates: Rates, w: Array) -> Complex:
     )
 
 
-def reflected(person: Person, rates: Rates, z: Complex) -> Complex:
+def reflected(person: LinearPerson, rates: Rates, z: Complex) -> Complex:
     """Return R, shape (W, 1, 1): the wave that a client sends back whose device is held still."""
     ticks = np.arange(rates.ticks_per_frame)
     before = person.split_ticks + booked_late(person)
@@ -223,14 +223,14 @@ Law = Callable[[Complex], Complex]
 """A function from the returned signals, (W, width), to the force of y = 1, (W,)."""
 
 
-def _wave_port(person: Person, rates: Rates, w: Array) -> tuple[Complex, Law]:
+def _wave_port(person: LinearPerson, rates: Rates, w: Array) -> tuple[Complex, Law]:
     b, root = person.impedance_nspm, sqrt(2.0 * person.impedance_nspm)
     sent = (root * decimated(person, rates, w) * encoded(person, rates, w))[:, None]
     read, pushed = _velocity_sample(person, rates, w)
     return sent, lambda back: np.asarray((b * read - root * back[:, 0]) / (1.0 - b * pushed), dtype=np.complex128)
 
 
-def _coupled_port(person: Person, rates: Rates, w: Array) -> tuple[Complex, Law]:
+def _coupled_port(person: LinearPerson, rates: Rates, w: Array) -> tuple[Complex, Law]:
     K, B = person.stiffness_npm, person.damping_nspm
     read, pushed = _velocity_sample(person, rates, w)
     state = np.stack((_late(person, rates, w) / (1j * w), read), axis=1)

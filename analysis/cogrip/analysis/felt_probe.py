@@ -35,7 +35,7 @@ SHAKING = 2.0  # ratio of the force's swing to the load, above which nothing res
 
 
 @dataclass(frozen=True, slots=True)
-class Felt:
+class ProbedStiffness:
     """The felt stiffness of one person; None where the probe diverged, or the force on this hand never came to rest."""
 
     person: str
@@ -53,7 +53,7 @@ class Felt:
         return 1e3 * (1.0 / self.felt_npm - 1.0 / self.asked_npm) if self.felt_npm else None
 
 
-def measure_felt(settings: Settings) -> tuple[Felt, ...]:
+def measure_felt(settings: Settings) -> tuple[ProbedStiffness, ...]:
     """Return the felt stiffness of every person with a spring; nothing where no balanced load exists."""
     loads = balanced_loads(settings)
     if loads is None:
@@ -65,7 +65,7 @@ def measure_felt(settings: Settings) -> tuple[Felt, ...]:
     trace = watch.trace()
     frames = round(LAST_S * probe.rates.network_hz)
     ticks = round(len(trace.force_n) * frames / max(1, len(trace.position_m)))
-    found: list[Felt] = []
+    found: list[ProbedStiffness] = []
     for number, (user, load) in enumerate(zip(settings.users, loads, strict=True)):
         asked = coupling_of(settings, user).stiffness_npm
         if not asked:
@@ -73,11 +73,11 @@ def measure_felt(settings: Settings) -> tuple[Felt, ...]:
         force = trace.force_n[-ticks:, number, 0]
         stretch = float((trace.position_m[-frames:, number, 0] - trace.object_m[-frames:, 0]).mean())
         rests = not laboratory.incident and np.ptp(force) <= SHAKING * abs(load) and stretch != 0.0
-        found.append(Felt(user.name, asked, float(force.mean()) / stretch if rests else None))
+        found.append(ProbedStiffness(user.name, asked, float(force.mean()) / stretch if rests else None))
     return tuple(found)
 
 
-def furthest_off(people: Sequence[Felt]) -> Felt | None:
+def furthest_off(people: Sequence[ProbedStiffness]) -> ProbedStiffness | None:
     """Return the person with the largest |K_felt / K - 1|, or one who feels none; None for nobody."""
     errors = [(person, person.error_percent) for person in people]
     return next(

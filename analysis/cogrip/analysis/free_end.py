@@ -12,7 +12,7 @@ from functools import lru_cache
 from cogrip.analysis.feel import no_contact
 from cogrip.analysis.finding import growth
 from cogrip.analysis.lifted_model import LiftedModel
-from cogrip.analysis.linear_session import FORMS, LinearSession, Person
+from cogrip.analysis.linear_session import FORMS, LinearPerson, LinearSession
 from cogrip.analysis.stability import verdict
 from cogrip.client.seat.rendered_damper import rounded_down
 
@@ -20,7 +20,7 @@ _HALVINGS = 7  # number of halvings in the search of the largest impedance with 
 
 
 @dataclass(frozen=True, slots=True)
-class Grip:
+class HandGrip:
     """How somebody holds a device: stiffness [N/m] and damping [N s/m] of the hand; 0: nobody does."""
 
     name: str
@@ -29,9 +29,9 @@ class Grip:
 
 
 GRIPS = (
-    Grip("with nobody holding it", 0.0, 0.0),
-    Grip("in a light grip", 60.0, 1.0),
-    Grip("in a firm grip", 300.0, 5.0),
+    HandGrip("with nobody holding it", 0.0, 0.0),
+    HandGrip("in a light grip", 60.0, 1.0),
+    HandGrip("in a firm grip", 300.0, 5.0),
 )
 
 
@@ -40,7 +40,7 @@ class FreeEnd:
     """One person's free end: the grips in which it grows, growth of the worst a frame, and the largest b [N s/m] that is
     quiet in all of them at this delay (0: none is known)."""
 
-    growing: tuple[Grip, ...]
+    growing: tuple[HandGrip, ...]
     radius: float
     quiet_nspm: float
 
@@ -93,7 +93,7 @@ def _judged(alone: LinearSession) -> FreeEnd:
     return FreeEnd(growing, max(radii.values()), low * b)
 
 
-def _radius(alone: LinearSession, person: Person, grip: Grip, impedance_nspm: float) -> float:
+def _radius(alone: LinearSession, person: LinearPerson, grip: HandGrip, impedance_nspm: float) -> float:
     held = replace(
         person,
         hand_stiffness_npm=grip.stiffness_npm,

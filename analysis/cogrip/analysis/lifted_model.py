@@ -33,14 +33,14 @@ from functools import reduce
 import numpy as np
 
 from cogrip.analysis.client_blocks import coupled_frame, wave_filter, wave_frame
-from cogrip.analysis.linear_session import LinearSession, Person, Scheme
+from cogrip.analysis.linear_session import LinearPerson, LinearSession, Scheme
 from cogrip.analysis.server_blocks import coupled_step, paper_step, passive_step
 from cogrip.analysis.state_space import Array, Complex, StateSpace, delay, diagonal, series
 from cogrip.protocol.settings.rates import Rates
 
 
 @dataclass(frozen=True, slots=True)
-class Kind:
+class SchemeParts:
     """The parts of a scheme.
 
     width         signals in each direction of a user's line
@@ -48,26 +48,26 @@ class Kind:
     stiff_client  K stands in the client's law
     """
 
-    client: Callable[[Person, Array, Rates], StateSpace]
+    client: Callable[[LinearPerson, Array, Rates], StateSpace]
     server: Callable[[LinearSession, Array], StateSpace]
     width: int
     server_delay: int
     stiff_client: bool
 
 
-def _wave_client(person: Person, stiffness: Array, rates: Rates) -> StateSpace:
+def _wave_client(person: LinearPerson, stiffness: Array, rates: Rates) -> StateSpace:
     return wave_frame(person, rates)  # K is the server's alone
 
 
-KINDS: dict[Scheme, Kind] = {
-    "passive": Kind(_wave_client, passive_step, 1, 1, False),
-    "paper": Kind(_wave_client, paper_step, 1, 1, False),
-    "coupling": Kind(coupled_frame, coupled_step, 2, 0, True),
+KINDS: dict[Scheme, SchemeParts] = {
+    "passive": SchemeParts(_wave_client, passive_step, 1, 1, False),
+    "paper": SchemeParts(_wave_client, paper_step, 1, 1, False),
+    "coupling": SchemeParts(coupled_frame, coupled_step, 2, 0, True),
 }
 
 
 @dataclass(frozen=True, slots=True)
-class Layout:
+class StateLayout:
     """The slices of each part's states: one a user for client and lines, one for the server."""
 
     downs: tuple[slice, ...]
@@ -141,7 +141,7 @@ class LiftedModel:
             ]
         )
 
-    def _lay_out(self, clients: Sequence[StateSpace], server_states: int) -> Layout:
+    def _lay_out(self, clients: Sequence[StateSpace], server_states: int) -> StateLayout:
         parts: tuple[list[slice], list[slice], list[slice]] = ([], [], [])
         start = 0
         for blocks in zip(self._downs, clients, self._ups, strict=True):
@@ -149,4 +149,4 @@ class LiftedModel:
                 part.append(slice(start, start + block.states))
                 start += block.states
         downs, these, ups = parts
-        return Layout(tuple(downs), tuple(these), tuple(ups), slice(start, start + server_states))
+        return StateLayout(tuple(downs), tuple(these), tuple(ups), slice(start, start + server_states))

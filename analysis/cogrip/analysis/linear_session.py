@@ -19,7 +19,7 @@ from cogrip.client.seat.rendered_damper import seat_on
 from cogrip.devices.device import Capability, Device
 from cogrip.devices.for_user import address_of, make_for
 from cogrip.devices.settings import parse_address
-from cogrip.devices.simulated.device import SimulatedDevice
+from cogrip.devices.simulated.simulated_device import SimulatedDevice
 from cogrip.protocol.settings.coupling import Coupling
 from cogrip.protocol.settings.coupling_kinds import COUPLING_KINDS, Kind
 from cogrip.protocol.settings.delays import OneWayDelay, line_delay, one_way
@@ -51,7 +51,7 @@ class Form(NamedTuple):
 
     @property
     def damper_key(self) -> str:
-        """Key of [coupling], and field of `Person`, of the damper that a device renders."""
+        """Key of [coupling], and field of `LinearPerson`, of the damper that a device renders."""
         return COUPLING_KINDS[self.kind].damper.key
 
 
@@ -68,7 +68,7 @@ class ModelError(ValueError):
 
 
 @dataclass(frozen=True, slots=True)
-class Person:
+class LinearPerson:
     """One user: device, hand, coupling, and the delay of the line in each direction.
 
     device_mass_kg, device_damping_nspm   m_HD, b_HD
@@ -150,7 +150,7 @@ class LinearSession:
 
     scheme: Scheme
     frame_s: float
-    people: tuple[Person, ...]
+    people: tuple[LinearPerson, ...]
     fixed: bool
     midpoint: bool
     object_mass_kg: float
@@ -212,11 +212,11 @@ def seat_session(seat: SeatSettings, capability: Capability) -> LinearSession:
     return _session(seat, [_person(seat, capability, None)])
 
 
-def _person(seat: SeatSettings, capability: Capability, delay_frames: float | None) -> Person:
+def _person(seat: SeatSettings, capability: Capability, delay_frames: float | None) -> LinearPerson:
     up, down = line_delays(seat, delay_frames)
     seat = seat_on(seat, capability)
     coupling = seat.coupling
-    return Person(
+    return LinearPerson(
         name=seat.user,
         device_mass_kg=capability.apparent_mass_kg,
         device_damping_nspm=0.0,
@@ -236,7 +236,7 @@ def _person(seat: SeatSettings, capability: Capability, delay_frames: float | No
     )
 
 
-def _session(seat: SeatSettings, people: Sequence[Person]) -> LinearSession:
+def _session(seat: SeatSettings, people: Sequence[LinearPerson]) -> LinearSession:
     scheme, kind = scheme_of(seat.coupling), seat.object.kind
     if not kind_of(kind).spring:
         raise ModelError(
@@ -261,7 +261,7 @@ def _session(seat: SeatSettings, people: Sequence[Person]) -> LinearSession:
     )
 
 
-def _simulated(person: Person, user: User, device: Device, hands: bool, estimated: bool) -> Person:
+def _simulated(person: LinearPerson, user: User, device: Device, hands: bool, estimated: bool) -> LinearPerson:
     """Return the person with the parameters of a simulated device and its hand, which only the settings hold."""
     hand = device.hand if hands and isinstance(device, SimulatedDevice) else None
     return replace(

@@ -14,12 +14,12 @@ from math import isfinite
 
 from cogrip.analysis.finding import Finding
 from cogrip.devices.device import Capability, Device, DeviceError
-from cogrip.devices.emulated.device import EmulatedDevice
+from cogrip.devices.emulated.emulated_device import EmulatedDevice
 from cogrip.devices.emulated.mechanics import STEP_HZ
 from cogrip.devices.for_user import address_of, make_for
-from cogrip.devices.replayed.device import ReplayedDevice
-from cogrip.devices.simulated.device import SimulatedDevice
+from cogrip.devices.replayed.replayed_device import ReplayedDevice
 from cogrip.devices.simulated.hands import DirectedHand, Hand, PushHand
+from cogrip.devices.simulated.simulated_device import SimulatedDevice
 from cogrip.protocol.axes import PLACES
 from cogrip.protocol.settings.room import rates_of, seat_axes
 from cogrip.protocol.settings.sections import Settings
@@ -35,7 +35,7 @@ _AXES = "xyz"
 
 
 @dataclass(frozen=True, slots=True)
-class Motion:
+class MotionExtremes:
     """The extremes of a motion: (low, high) per axis [m], and the largest speed on any axis [m/s]."""
 
     range_m: tuple[tuple[float, float], ...]
@@ -83,7 +83,7 @@ def _ticks(rate_hz: int, seconds: float) -> range:
     return range(0, ticks, max(1, ticks // _SAMPLES))
 
 
-def _intended(hand: Hand, axes: int, rate_hz: int, seconds: float) -> Motion:
+def _intended(hand: Hand, axes: int, rate_hz: int, seconds: float) -> MotionExtremes:
     places, speed = [], 0.0
     ticks: Sequence[int] = _ticks(rate_hz, seconds)
     if isinstance(hand, DirectedHand):  # every axis has its extremes where the one direction has them
@@ -94,18 +94,18 @@ def _intended(hand: Hand, axes: int, rate_hz: int, seconds: float) -> Motion:
         position, velocity = hand.intended(tick)
         places.append(position[:axes])
         speed = max(speed, max(map(abs, velocity[:PLACES])))
-    return Motion(tuple((min(axis), max(axis)) for axis in zip(*places, strict=True)), speed)
+    return MotionExtremes(tuple((min(axis), max(axis)) for axis in zip(*places, strict=True)), speed)
 
 
-def _played(device: ReplayedDevice, rate_hz: int, seconds: float) -> Motion:
+def _played(device: ReplayedDevice, rate_hz: int, seconds: float) -> MotionExtremes:
     ticks = _ticks(rate_hz, seconds)
     places = [device.read(tick).position_m for tick in ticks]
     steps = [abs(after - before) for one, other in pairwise(places) for before, after in zip(one, other, strict=True)]
     ranges = tuple((min(axis), max(axis)) for axis in zip(*places, strict=True))
-    return Motion(ranges, max(steps, default=0.0) * rate_hz / ticks.step)
+    return MotionExtremes(ranges, max(steps, default=0.0) * rate_hz / ticks.step)
 
 
-def _motion(name: str, address: str, motion: Motion, record: Capability) -> Iterator[Finding]:
+def _motion(name: str, address: str, motion: MotionExtremes, record: Capability) -> Iterator[Finding]:
     cure = _cure(address)
     for axis, ((low, high), (first, last)) in enumerate(zip(motion.range_m, record.workspace_m, strict=False)):
         far = high if abs(high) >= abs(low) else low

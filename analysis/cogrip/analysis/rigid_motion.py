@@ -28,7 +28,7 @@ import numpy as np
 
 from cogrip.analysis.client_blocks import gliding, kept_waves, pressed, sent_later
 from cogrip.analysis.lifted_model import LiftedModel
-from cogrip.analysis.linear_session import FORMS, Person
+from cogrip.analysis.linear_session import FORMS, LinearPerson
 from cogrip.analysis.state_space import Array
 
 
@@ -151,7 +151,7 @@ def _moving_together(model: LiftedModel, coupled: list[int]) -> list[tuple[list[
     return groups
 
 
-def _free(person: Person) -> bool:
+def _free(person: LinearPerson) -> bool:
     return person.device_damping_nspm == person.hand_damping_nspm == person.hand_stiffness_npm == 0.0
 
 

@@ -28,7 +28,7 @@ _CHUNK = 1024  # number of matrices at a time: more do not fit into a cache
 
 
 @dataclass(frozen=True, slots=True)
-class Verdict:
+class StabilityVerdict:
     """The stability of a session. spectral_radius: of the whole map, at least 1 where `structural` names an eigenvalue there;
 
     `decaying`: of the other eigenvalues.
@@ -45,12 +45,12 @@ class Verdict:
         return self.decaying < 1.0
 
 
-def verdict(model: LiftedModel) -> Verdict:
+def verdict(model: LiftedModel) -> StabilityVerdict:
     """Return the verdict of a session's eigenvalues."""
     rigid = Rigid(model)
     decaying = float(_along(modes(model), np.ones(1))[0])
     whole = max(1.0, decaying) if rigid.names else decaying
-    return Verdict(model.session.scheme, whole, decaying, rigid.names, model.states)
+    return StabilityVerdict(model.session.scheme, whole, decaying, rigid.names, model.states)
 
 
 def radius(model: LiftedModel, stiffness_npm: Array) -> Array:

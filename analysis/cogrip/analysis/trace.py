@@ -18,7 +18,7 @@ Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True, slots=True)
-class Trace:
+class SessionTrace:
     """One session.
 
     force_n     (k, n, a)  force on each hand, held over the tick [N]
@@ -84,7 +84,7 @@ class TraceRecorder:
         self._work.append(work)
         self._gained.append(laboratory.room.world.gained_j)
 
-    def trace(self) -> Trace:
+    def trace(self) -> SessionTrace:
         """Return what was recorded."""
         people, axes, settings = self._people, self._axes, self._laboratory.settings
         world = self._laboratory.room.world
@@ -101,7 +101,7 @@ class TraceRecorder:
         kinetic = 0.5 * world.moving_kg * (speed * speed).sum(axis=1)
         damped = settings.object.damping_nspm / frame_s * np.cumsum((moved * moved).sum(axis=1))
         scene = settings.object.kind == "scene"
-        return Trace(
+        return SessionTrace(
             frame_s,
             np.array(self._forces).reshape(-1, people, axes),
             position - self._starts,

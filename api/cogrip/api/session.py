@@ -15,7 +15,7 @@ from cogrip.api.errors import ApiError, as_api_error
 from cogrip.api.runs import OnFrame, Run
 from cogrip.api.settings import Source, settings
 from cogrip.cli.runs.run_folder import new_run_folder
-from cogrip.cli.session.children import end_all, how_ended, listening_port, start_child
+from cogrip.cli.session.children import end_all, how_ended, listening_at, start_child
 from cogrip.cli.session.join_target import target_of
 from cogrip.client.io.paths import JoinError, Paths
 from cogrip.client.observer import ObserverCore
@@ -71,7 +71,7 @@ class Session:
             longest = str(self.settings.seconds + 60.0)  # it ends by itself if this process is killed
             self._children[SERVER] = start_child(log, ["serve", file, "--port", "0", "--seconds", longest, *into])
             try:
-                self.address = f"127.0.0.1:{listening_port(SERVER, self._children[SERVER], log, self._stop)}"
+                self.address = f"127.0.0.1:{listening_at(SERVER, self._children[SERVER], log, self._stop)}"
                 if self._on_frame:
                     self._start(lambda: watch(self.address, self._on_frame, stop=self._stop))
                 for user in self.settings.users:

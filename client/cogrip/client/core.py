@@ -12,7 +12,7 @@ from typing import Any
 from cogrip.client import inputs
 from cogrip.client.coupling.interface import Coupling
 from cogrip.client.inputs import ClientInput
-from cogrip.client.markers import Markers
+from cogrip.client.markers import OwnMarkers
 from cogrip.client.safety.device_port import DevicePort
 from cogrip.client.safety.energy_ledger import EnergyLedger
 from cogrip.client.safety.limiter import Safety
@@ -81,7 +81,7 @@ class ClientCore:
         self.seated: SeatedClient | None = None
         self.account: ClientAccount | None = None
         self.now_ns = 0
-        self.markers = Markers()
+        self.markers = OwnMarkers()
         self.marked: list[str] = []  # markers set or told since its owner emptied it
         self._capability = capability
         self._make_port = make_port

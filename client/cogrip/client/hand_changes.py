@@ -7,7 +7,7 @@ from cogrip.protocol.wire.reliable import Unanswered
 AGAIN_NS = 100_000_000
 
 
-class HandChanges:
+class TakenChanges:
     """Those of one seat.
 
     taken, reported  newest change of this session that has come, and that holds

@@ -12,7 +12,7 @@ from pathlib import Path
 
 from cogrip.client import inputs
 from cogrip.client.hand.waiting_hand import WaitingHand
-from cogrip.client.io.exchange import Exchange, Link
+from cogrip.client.io.exchange import DatagramExchange, EmulatedDirection
 from cogrip.client.io.paths import POLL_S, JoinError, Paths, RefusedError, session_change
 from cogrip.client.markers import MOST_UNANSWERED
 from cogrip.client.recorder import RecordedClient, client_topics
@@ -20,10 +20,10 @@ from cogrip.client.safety.limiter import FAULT_OUT_S, State
 from cogrip.client.supervised_device import SupervisedDevice
 from cogrip.devices.device import Capability, Device, DeviceError
 from cogrip.devices.for_user import first_axes
-from cogrip.devices.simulated.device import SimulatedDevice
+from cogrip.devices.simulated.simulated_device import SimulatedDevice
 from cogrip.machine import pacing
 from cogrip.machine.platform import system, time
-from cogrip.machine.realtime import NAMES, Measure, engage, processor_wait, release
+from cogrip.machine.realtime import NAMES, RealTimeMeasure, engage, processor_wait, release
 from cogrip.machine.stop import Stop
 from cogrip.machine.tick_count import TickCount
 from cogrip.protocol.io.recorder import Recorder, open_recorder
@@ -46,7 +46,7 @@ ORDERS = "`m TEXT` sets a marker, `c` holds the clutch, `set KEY=VALUE` a scale,
 
 
 @dataclass(frozen=True, slots=True)
-class Ended:
+class SessionEnded:
     """End of a session. failed: why it broke off, "" if it did not; ended: who ended it in order before its time.
 
     trial: what a trial of the motors before it found, "" where there was none
@@ -58,7 +58,7 @@ class Ended:
     failed: str
     seconds: float
     counts: dict[str, int]
-    measures: list[Measure]
+    measures: list[RealTimeMeasure]
     ended: str = ""
     trial: str = ""
 
@@ -72,7 +72,7 @@ class LiveClient:
     paths: Paths
     stop: Stop
     say: Callable[[str], None]
-    make_link: Callable[[LinkProfile, str], Link]
+    make_link: Callable[[LinkProfile, str], EmulatedDirection]
     record_at: Callable[[SeatSettings], Path | None]
     seconds: float | None = None
     rearms: bool = False  # stay after a fault, without force, until the person re-arms; else a fault ends the session
@@ -85,19 +85,19 @@ class LiveClient:
     resume_s: float | None = None  # silence after which a resumption is given up; as usual if not given
     trial: str = ""  # what a trial of the motors found, for the recording and the account of the end
     _core: RecordedClient = field(init=False)
-    _exchange: Exchange = field(init=False)
+    _exchange: DatagramExchange = field(init=False)
     _counts: dict[str, int] = field(init=False, default_factory=dict)
     _unkept: bool | None = field(init=False, default=None)  # the clutch as it was before `hold`; None without
     _faulted: bool = field(init=False, default=False)  # a fault was said, and no force has been let in since
     _told: int = field(init=False, default=0)  # newest change of the administrator that the person was told of
 
-    def run(self) -> Ended | ClientSession:
+    def run(self) -> SessionEnded | ClientSession:
         """Return the session once it has ended; or at once, and still open, where the server gives an observer's place only.
 
         Raises JoinError when there is no seat to be had, DeviceError when the device cannot be opened.
         """
         core = self._core = RecordedClient(self.hello, self.device.capability)
-        self._exchange = Exchange(core, self.paths)
+        self._exchange = DatagramExchange(core, self.paths)
         if self.resume_s is not None:
             core.handle(inputs.Patience(round(self.resume_s * 1e9)), time.monotonic_ns())
         # before there is a seat to lose: locking memory can take a second on a busy machine
@@ -111,7 +111,7 @@ class LiveClient:
         finally:
             release(measures)
 
-    def _session(self, measures: list[Measure]) -> Ended:
+    def _session(self, measures: list[RealTimeMeasure]) -> SessionEnded:
         core, seat = self._core, self._core.seat
         assert seat is not None
         self._link(seat)
@@ -163,7 +163,7 @@ class LiveClient:
         }  # fmt: skip
         ended = core.session.ended or self.stop.reason or self.over()
         held = core.seated.settings if core.seated is not None else seat  # as they were changed in the session
-        return Ended(held, account, core.session.farewell, failed, seconds, counts, measures, ended, self.trial)
+        return SessionEnded(held, account, core.session.farewell, failed, seconds, counts, measures, ended, self.trial)
 
     def _link(self, seat: SeatSettings) -> None:
         """Emulate the link of the settings. Gives the seat back where that is impossible. Raises JoinError."""
@@ -383,8 +383,8 @@ class LiveClient:
 
 
 def run_ticks(
-    core: RecordedClient, exchange: Exchange, supervised: SupervisedDevice, pacer: pacing.Pacer, work_us: int, until: int,
-    session_state: str, safety_state: str,
+    core: RecordedClient, exchange: DatagramExchange, supervised: SupervisedDevice, pacer: pacing.Pacer, work_us: int,
+    until: int, session_state: str, safety_state: str,
 ) -> tuple[int, int]:  # fmt: skip
     """Run ticks to `until`, or one that changes a state: return it, not done, and its begin [ns]. work_us: of one before."""
     session, safety, clock = core.session, core.safety, time.monotonic_ns

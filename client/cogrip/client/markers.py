@@ -12,7 +12,7 @@ MOST_UNANSWERED = 8
 MOST_KNOWN = 256  # most numbers of markers kept, so that a marker that is repeated is taken once
 
 
-class Markers:
+class OwnMarkers:
     """refused: markers that were set while MOST_UNANSWERED were on their way; everybody: whether every seat has been held."""
 
     def __init__(self) -> None:

@@ -3,7 +3,7 @@
 from collections import deque
 
 from cogrip.client.inputs import Connect, Leave, Poll, Reached, SessionInput
-from cogrip.client.markers import Markers
+from cogrip.client.markers import OwnMarkers
 from cogrip.client.observed_scene import ObservedScene
 from cogrip.machine.histogram import DurationHistogram
 from cogrip.protocol.settings.effects import Effect
@@ -35,7 +35,7 @@ class ObserverCore:
         self.effects: dict[int, Effect] = {}
         self._effects_of = (0, 0)  # session and version
         self.marked: list[Mark] = []  # markers since its owner emptied it
-        self._markers = Markers()
+        self._markers = OwnMarkers()
         self._heard_ns: dict[int, int] = {}
         self._seen_ns = 0
         self._session_id = 0

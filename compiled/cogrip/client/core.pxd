@@ -1,7 +1,7 @@
 cimport cython
 
-from cogrip.client.hand_changes cimport HandChanges
-from cogrip.client.markers cimport Markers
+from cogrip.client.hand_changes cimport TakenChanges
+from cogrip.client.markers cimport OwnMarkers
 from cogrip.client.seat.seated cimport SeatedClient
 from cogrip.devices.sample cimport Sample
 from cogrip.machine.histogram cimport DurationHistogram
@@ -25,13 +25,13 @@ cdef class ClientCore:
     cdef public SeatedClient seated
     cdef public object account
     cdef public long long now_ns
-    cdef public Markers markers
+    cdef public OwnMarkers markers
     cdef public list marked
     cdef object _capability
     cdef object _make_port
 
     @cython.locals(seated=SeatedClient, session=ClientSession)
     cpdef receive(self, datagram, long long now_ns)
-    @cython.locals(seated=SeatedClient, session=ClientSession, changes=HandChanges)
+    @cython.locals(seated=SeatedClient, session=ClientSession, changes=TakenChanges)
     cpdef sense(self, long long tick, Sample sample, long long now_ns)
     cpdef tuple act(self, long long now_ns)

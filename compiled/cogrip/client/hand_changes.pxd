@@ -1,4 +1,4 @@
-cdef class HandChanges:
+cdef class TakenChanges:
     cdef public long long taken
     cdef public long long reported
     cdef public object holds

@@ -1,6 +1,6 @@
 cimport cython
 
-from cogrip.client.io.exchange cimport Exchange
+from cogrip.client.io.exchange cimport DatagramExchange
 from cogrip.client.recorder cimport RecordedClient
 from cogrip.client.safety.limiter cimport Safety
 from cogrip.client.supervised_device cimport SupervisedDevice
@@ -10,6 +10,6 @@ from cogrip.protocol.wire.session cimport ClientSession
 
 @cython.locals(session=ClientSession, safety=Safety, tick="long long", now_ns="long long", end_ns="long long")
 cpdef tuple run_ticks(
-    RecordedClient core, Exchange exchange, SupervisedDevice supervised, Pacer pacer, long long work_us, long long until,
+    RecordedClient core, DatagramExchange exchange, SupervisedDevice supervised, Pacer pacer, long long work_us, long long until,
     str session_state, str safety_state,
 )

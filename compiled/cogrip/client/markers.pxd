@@ -1,4 +1,4 @@
-cdef class Markers:
+cdef class OwnMarkers:
     cdef public long long refused
     cdef public bint everybody
     cdef object _unanswered

@@ -2,7 +2,7 @@ cimport cython
 
 from cogrip.protocol.wire.button_edges cimport EdgeReceiver
 from cogrip.server.seats.effects cimport RoomEffects
-from cogrip.server.seats.markers cimport Markers
+from cogrip.server.seats.markers cimport RoomMarkers
 from cogrip.server.seats.observers cimport ObserverSlots
 from cogrip.server.seats.participants cimport Seat
 from cogrip.server.ports.port cimport Port
@@ -24,7 +24,7 @@ cdef class Room:
     cdef Py_ssize_t _axes
     cdef Py_ssize_t _places
     cdef public ObserverSlots observer_slots
-    cdef public Markers markers
+    cdef public RoomMarkers markers
     cdef public RoomEffects effects
     cdef public object _observer_effects
     cdef public list refused_effects

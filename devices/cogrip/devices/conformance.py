@@ -26,7 +26,7 @@ OF_THE_WIRE = ("skipped", "missed", "malformed", "not finite", "reply too many",
 SETTLE_TICKS = 4  # ticks from a write until the motors do what it says
 
 
-class UnfitError(AssertionError):
+class UnfitDeviceError(AssertionError):
     """A device does not keep a promise."""
 
 
@@ -35,7 +35,7 @@ def _at_once(tick: int) -> None:
 
 
 @dataclass(frozen=True, slots=True)
-class Subject:
+class DeviceSubject:
     """The device under test.
 
     make     a new device, not opened
@@ -55,7 +55,7 @@ class Subject:
     yields: bool = False
 
 
-def record_is_complete(subject: Subject) -> None:
+def record_is_complete(subject: DeviceSubject) -> None:
     """Before it is opened, in SI units, every limit a number above zero."""
     device = subject.make()
     record = device.capability
@@ -79,7 +79,7 @@ def record_is_complete(subject: Subject) -> None:
     _expect(dict(device.counts) == {}, "nothing has gone wrong before it was opened")
 
 
-def refuses_while_closed(subject: Subject) -> None:
+def refuses_while_closed(subject: DeviceSubject) -> None:
     """Read and write before open, and after close; closing twice, or before opening, does nothing."""
     device = subject.make()
     _refuses(lambda: device.read(0), "read before open", "open")
@@ -92,7 +92,7 @@ def refuses_while_closed(subject: Subject) -> None:
     _refuses(lambda: device.write(_zero(device)), "write after close", "open")
 
 
-def opens_again(subject: Subject) -> None:
+def opens_again(subject: DeviceSubject) -> None:
     """A device does not open twice at once, and opens again after it was closed."""
     device = subject.make()
     for _ in range(2):
@@ -104,7 +104,7 @@ def opens_again(subject: Subject) -> None:
             device.close()
 
 
-def refuses_rates(subject: Subject) -> None:
+def refuses_rates(subject: DeviceSubject) -> None:
     """0, less than LEAST_DEVICE_HZ, and more than its record says: with the rate asked for and both bounds."""
     device = subject.make()
     most_hz = device.capability.rate_hz
@@ -115,7 +115,7 @@ def refuses_rates(subject: Subject) -> None:
     device.close()
 
 
-def samples_are_metres(subject: Subject) -> None:
+def samples_are_metres(subject: DeviceSubject) -> None:
     """Shape as in the record, finite, inside the workspace; a velocity where the record says so; age not negative."""
     with _opened(subject) as device:
         record = device.capability
@@ -137,7 +137,7 @@ def samples_are_metres(subject: Subject) -> None:
             _expect(sample.age_ticks >= 0, f"an age of at least 0: {sample.age_ticks}")
 
 
-def handle_is_as_the_record_says(subject: Subject) -> None:
+def handle_is_as_the_record_says(subject: DeviceSubject) -> None:
     """No button beyond those of the record, an orientation or a grip where it says so, and each one that can be."""
     with _opened(subject) as device:
         record = device.capability
@@ -153,7 +153,7 @@ def handle_is_as_the_record_says(subject: Subject) -> None:
             _expect(grip_m is None or low <= grip_m <= high, f"a grip within {record.grip_m} m, or none: {sample}")
 
 
-def ticks_do_not_fall(subject: Subject) -> None:
+def ticks_do_not_fall(subject: DeviceSubject) -> None:
     """They may jump after an overrun."""
     with _opened(subject) as device:
         _run(subject, device, (0, 1, 2, 9, 30))
@@ -162,7 +162,7 @@ def ticks_do_not_fall(subject: Subject) -> None:
         device.read(31)
 
 
-def refuses_wrong_forces(subject: Subject) -> None:
+def refuses_wrong_forces(subject: DeviceSubject) -> None:
     """Another number of axes, and numbers that are not finite; and it works on."""
     with _opened(subject) as device:
         axes = device.capability.axes
@@ -173,7 +173,7 @@ def refuses_wrong_forces(subject: Subject) -> None:
         _run(subject, device, range(1, 6))
 
 
-def force_keeps_to_the_record(subject: Subject) -> None:
+def force_keeps_to_the_record(subject: DeviceSubject) -> None:
     """A force beyond the record is cut to what the device can give, in the same direction."""
     if subject.acting is None:
         return
@@ -196,7 +196,7 @@ def force_keeps_to_the_record(subject: Subject) -> None:
         _expect(along > 0.99, f"in the direction asked for, cosine {along:.4f}")
 
 
-def lets_go_when_closed(subject: Subject) -> None:
+def lets_go_when_closed(subject: DeviceSubject) -> None:
     """After close no force is left."""
     if subject.acting is None:
         return
@@ -209,7 +209,7 @@ def lets_go_when_closed(subject: Subject) -> None:
     _expect(not any(subject.acting(device)), f"no force after close: {subject.acting(device)}")
 
 
-def ages_stay_small(subject: Subject) -> None:
+def ages_stay_small(subject: DeviceSubject) -> None:
     """A sample is as old as the record says, or a little older, and newer than the one before: an age that grows is a stall."""
     found, samples = _judged(subject)
     _expect(AGE not in found, f"an age of 0 or a few ticks: {found.get(AGE)}")
@@ -218,7 +218,7 @@ def ages_stay_small(subject: Subject) -> None:
     )
 
 
-def answers_come_whole(subject: Subject) -> None:
+def answers_come_whole(subject: DeviceSubject) -> None:
     """Answers that do not come, come in part or make no sense are rare, by its own counts."""
     with _opened(subject) as device:
         amiss, before = 0, _wire(device)
@@ -239,19 +239,19 @@ def _wire(device: Device) -> dict[str, int]:
     return {name: count for name, count in device.counts.items() if any(word in name for word in OF_THE_WIRE)}
 
 
-def positions_do_not_jump(subject: Subject) -> None:
+def positions_do_not_jump(subject: DeviceSubject) -> None:
     """A held handle stays near its course from one sample to the next: see `cogrip.devices.plausibility`."""
     found, _ = _judged(subject)
     _expect(JUMP not in found, f"positions without jumps: {found.get(JUMP)}")
 
 
-def velocity_agrees_with_position(subject: Subject) -> None:
+def velocity_agrees_with_position(subject: DeviceSubject) -> None:
     """Velocities add up to what the positions say. Nothing to see where the device stands still, or gives none."""
     found, _ = _judged(subject)
     _expect(DRIFT not in found, f"velocities that agree with the positions: {found.get(DRIFT)}")
 
 
-def write_tells_what_acts(subject: Subject) -> None:
+def write_tells_what_acts(subject: DeviceSubject) -> None:
     """None, or for each axis a part of the force that was asked for now or lately: finite, not larger, not the other way."""
     with _opened(subject) as device:
         record = device.capability
@@ -268,7 +268,7 @@ def write_tells_what_acts(subject: Subject) -> None:
                 _expect(fits, f"write tells a part of {asked} N, or of a force before it: {acting}")
 
 
-def moves_as_its_record_says(subject: Subject) -> None:
+def moves_as_its_record_says(subject: DeviceSubject) -> None:
     """A small force moves it along its own axis, the right way, by what its mass makes of it, and not later than it says."""
     if not subject.yields or subject.rate_hz != RATE_HZ:
         return
@@ -282,7 +282,7 @@ def moves_as_its_record_says(subject: Subject) -> None:
         _expect(not found, f"moves as its record says: {'; '.join(found)}")
 
 
-def raises_device_errors_alone(subject: Subject) -> None:
+def raises_device_errors_alone(subject: DeviceSubject) -> None:
     """Whatever it is asked wrongly, and it works on. Any other exception is a defect, and ends the session."""
     _refuses(lambda: subject.make().open(-1), "open(-1)", "rate_hz")
     with _opened(subject) as device:
@@ -295,7 +295,7 @@ def raises_device_errors_alone(subject: Subject) -> None:
         _run(subject, device, range(1, 6))
 
 
-def calls_do_not_block(subject: Subject) -> None:
+def calls_do_not_block(subject: DeviceSubject) -> None:
     """Read and write together take less than a tick, on the average: the loop waits for no device."""
     clock = subject.clock
     if clock is None:
@@ -312,7 +312,7 @@ def calls_do_not_block(subject: Subject) -> None:
         _expect(mean_ms < tick_ms, f"read and write within a tick of {tick_ms:.2g} ms: {mean_ms:.2g} ms")
 
 
-CHECKS: tuple[Callable[[Subject], None], ...] = (
+CHECKS: tuple[Callable[[DeviceSubject], None], ...] = (
     record_is_complete,
     refuses_while_closed,
     opens_again,
@@ -335,7 +335,7 @@ CHECKS: tuple[Callable[[Subject], None], ...] = (
 
 
 @contextmanager
-def _opened(subject: Subject) -> Iterator[Device]:
+def _opened(subject: DeviceSubject) -> Iterator[Device]:
     """A device that is open inside, and closed after, whatever happens."""
     device = subject.make()
     device.open(subject.rate_hz)
@@ -346,7 +346,10 @@ def _opened(subject: Subject) -> Iterator[Device]:
 
 
 def _run(
-    subject: Subject, device: Device, ticks: Iterable[int] = range(FEW_TICKS), force_n: Sequence[float] | None = None
+    subject: DeviceSubject,
+    device: Device,
+    ticks: Iterable[int] = range(FEW_TICKS),
+    force_n: Sequence[float] | None = None,
 ) -> list[Sample | None]:
     """Samples of these ticks, at each of which `force_n` is written; None: no force."""
     samples = []
@@ -357,7 +360,7 @@ def _run(
     return samples
 
 
-def _judged(subject: Subject) -> tuple[dict[str, list[Sample]], int]:
+def _judged(subject: DeviceSubject) -> tuple[dict[str, list[Sample]], int]:
     """The samples of a run that are not plausible, by the name of what is wrong with them, and how many there were in all."""
     found: dict[str, list[Sample]] = {}
     with _opened(subject) as device:
@@ -383,7 +386,7 @@ def _zero(device: Device) -> tuple[float, ...]:
 
 def _expect(kept: bool, promise: str) -> None:
     if not kept:
-        raise UnfitError(promise)
+        raise UnfitDeviceError(promise)
 
 
 def _refuses(call: Callable[[], object], what: str, word: str) -> None:
@@ -393,6 +396,8 @@ def _refuses(call: Callable[[], object], what: str, word: str) -> None:
     except DeviceError as error:
         _expect(word in str(error), f"{what} is refused with a word of {word!r}: {error}")
     except Exception as error:
-        raise UnfitError(f"{what} is refused with DeviceError, not with {type(error).__name__}: {error}") from error
+        raise UnfitDeviceError(
+            f"{what} is refused with DeviceError, not with {type(error).__name__}: {error}"
+        ) from error
     else:
-        raise UnfitError(f"{what} is refused with DeviceError")
+        raise UnfitDeviceError(f"{what} is refused with DeviceError")

@@ -72,7 +72,7 @@ def watch(device: Device, clock: Clock, show: Show) -> Moved | None:
 
 
 @dataclass(frozen=True, slots=True)
-class Felt:
+class FeltSpring:
     """Answer of a spring: stiffness asked for and felt [N/m], 0 where the tip was moved too little; why it ended early."""
 
     asked_npm: float
@@ -146,15 +146,15 @@ class Spring:
             self._most_m = max(self._most_m, hypot(*away))
 
     @property
-    def felt(self) -> Felt:
+    def felt(self) -> FeltSpring:
         """Return the answer so far."""
         enough = self._most_m >= LEAST_MOVED_M
-        return Felt(
+        return FeltSpring(
             self.stiffness_npm, self._work / self._square if enough else 0.0, self._most_m, self._most_n, self.ended
         )
 
 
-def feel(device: Device, clock: Clock, show: Show) -> Felt:
+def feel(device: Device, clock: Clock, show: Show) -> FeltSpring:
     """Hold an open device with a weak spring for SPRING_S. Raises DeviceError, with no force left to be asked for."""
     spring, none = Spring(device.capability), (0.0,) * device.capability.axes
     tick, last = -1, round(SPRING_S * RATE_HZ)

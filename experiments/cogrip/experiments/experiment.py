@@ -9,7 +9,7 @@ from typing import Any, NamedTuple, Protocol
 from cogrip.results.folder import finite
 
 
-class Kind(NamedTuple):
+class ExperimentKind(NamedTuple):
     """The kind of an experiment: its name in messages, and the file that holds its query."""
 
     word: str
@@ -45,7 +45,7 @@ class Experiment(Protocol):
     """A checked query. `query` is what makes this experiment this one and no other; `batch` jobs go to a worker together."""
 
     @property
-    def kind(self) -> Kind: ...
+    def kind(self) -> ExperimentKind: ...
     @property
     def query(self) -> Mapping[str, Any]: ...
     @property

@@ -12,7 +12,7 @@ from cogrip.experiments.folder import ExperimentFolder
 
 
 @dataclass(frozen=True, slots=True)
-class Outcome:
+class CasesRun:
     """Counts of cases in all, kept from before, run now, and failed (by error); the path of table.csv."""
 
     cases: int
@@ -27,7 +27,7 @@ def run_experiment(
     folder: ExperimentFolder,
     workers: Workers,
     progress: Callable[[int], None] = lambda finished: None,
-) -> Outcome:
+) -> CasesRun:
     """Run the cases that the folder does not have, keep each at once, and write the table of all that are finished.
 
     progress: called with the number of finished cases. The table is written and the folder closed on an exception, too.
@@ -42,4 +42,4 @@ def run_experiment(
         table = folder.write_table()
         folder.close()
     failed = Counter(result.error for result in folder.finished.values() if result.error)
-    return Outcome(experiment.cases, kept, len(folder.finished) - kept, failed, table)
+    return CasesRun(experiment.cases, kept, len(folder.finished) - kept, failed, table)

@@ -66,7 +66,7 @@ class Punctuality:
 
 
 @dataclass(frozen=True, slots=True)
-class Machine:
+class MachineState:
     """Settings and permissions of the machine; None where one cannot be read."""
 
     kernel: str
@@ -219,11 +219,11 @@ def _load() -> float | None:
     return os.getloadavg()[0] if hasattr(os, "getloadavg") else None
 
 
-def examine() -> Machine:
+def examine() -> MachineState:
     """Read the machine's settings and this user's permissions; change nothing."""
     kernel = os.uname() if hasattr(os, "uname") else None
     fifo, lock = _permissions()
-    return Machine(
+    return MachineState(
         kernel=f"{kernel.sysname} {kernel.release} {kernel.machine}" if kernel else sys.platform,
         preemption=_preemption(kernel.version) if kernel else None,
         cpus=os.cpu_count() or 1,
@@ -242,7 +242,7 @@ def examine() -> Machine:
     )
 
 
-def after(machine: Machine) -> Machine:
+def after(machine: MachineState) -> MachineState:
     """Return `machine` with the load at the end of a survey."""
     return replace(machine, load_after=_load())
 
@@ -260,7 +260,7 @@ def verdicts(found: Sequence[Punctuality]) -> dict[int, str]:
     return words
 
 
-def advise(machine: Machine, found: Sequence[Punctuality]) -> list[str]:
+def advise(machine: MachineState, found: Sequence[Punctuality]) -> list[str]:
     """Return advice, the most useful first."""
     advice: list[str] = []
     refused = {name: why for each in found for name, why in each.refused.items()}

@@ -30,7 +30,7 @@ LIMITS_FILE = "/etc/security/limits.d/90-cogrip.conf"
 
 
 @dataclass(frozen=True, slots=True)
-class Measure:
+class RealTimeMeasure:
     """One real-time measure as it turned out; `detail` is the setting, or why not and the cure."""
 
     name: str
@@ -74,8 +74,8 @@ def has_capability(bit: int) -> bool:
     return False
 
 
-def _unavailable(name: str, why: str) -> Measure:
-    return Measure(name, False, f"not available: {why}")
+def _unavailable(name: str, why: str) -> RealTimeMeasure:
+    return RealTimeMeasure(name, False, f"not available: {why}")
 
 
 def libc_call(name: str, *arguments: int) -> int:
@@ -89,7 +89,7 @@ def libc_call(name: str, *arguments: int) -> int:
     return result
 
 
-def _timer_slack(_priority: int) -> Measure:
+def _timer_slack(_priority: int) -> RealTimeMeasure:
     """Let the kernel's timer wake this thread within 1 ns of the request, not within its usual 50 us."""
     if sys.platform != "linux":
         return _unavailable("timer-slack", f"timer slack is a Linux setting, this is {sys.platform}")
@@ -102,10 +102,10 @@ def _timer_slack(_priority: int) -> Measure:
     def undo() -> None:  # a real-time thread reads as 0, and 0 sets the default: the right way back for both
         libc_call("prctl", _PR_SET_TIMERSLACK, before_ns, 0, 0, 0)
 
-    return Measure("timer-slack", True, f"1 ns instead of {before_ns} ns", undo)
+    return RealTimeMeasure("timer-slack", True, f"1 ns instead of {before_ns} ns", undo)
 
 
-def _gc_frozen(_priority: int) -> Measure:
+def _gc_frozen(_priority: int) -> RealTimeMeasure:
     """Collect garbage once, freeze all living objects, and switch the collector off. What was frozen before stays so."""
     if not hasattr(gc, "freeze"):
         return _unavailable("gc-frozen", f"{sys.implementation.name} has no gc.freeze")
@@ -120,10 +120,12 @@ def _gc_frozen(_priority: int) -> Measure:
         if was_enabled:
             gc.enable()
 
-    return Measure("gc-frozen", True, f"{gc.get_freeze_count()} objects frozen; cycles made from now on stay", undo)
+    return RealTimeMeasure(
+        "gc-frozen", True, f"{gc.get_freeze_count()} objects frozen; cycles made from now on stay", undo
+    )
 
 
-def _memory_locked(_priority: int) -> Measure:
+def _memory_locked(_priority: int) -> RealTimeMeasure:
     """Keep every page, present and future, in memory: no tick waits for a page fault from disk."""
     name = "memory-locked"
     if sys.platform != "linux":
@@ -135,7 +137,7 @@ def _memory_locked(_priority: int) -> Measure:
     # With a finite limit the lock may succeed now and a later allocation fail: MemoryError in the middle of a session.
     if not unlimited and not has_capability(CAP_IPC_LOCK):
         cure = f"put '<user> - memlock unlimited' into {LIMITS_FILE} and log in again"
-        return Measure(name, False, f"refused: the memlock limit is {before[1] // 1024} KiB; {cure}")
+        return RealTimeMeasure(name, False, f"refused: the memlock limit is {before[1] // 1024} KiB; {cure}")
     if unlimited:
         resource.setrlimit(resource.RLIMIT_MEMLOCK, (before[1], before[1]))
     try:
@@ -148,10 +150,10 @@ def _memory_locked(_priority: int) -> Measure:
         libc_call("munlockall")
         resource.setrlimit(resource.RLIMIT_MEMLOCK, before)
 
-    return Measure(name, True, "all present and future pages", undo)
+    return RealTimeMeasure(name, True, "all present and future pages", undo)
 
 
-def _cpu_awake(_priority: int) -> Measure:
+def _cpu_awake(_priority: int) -> RealTimeMeasure:
     """Ask idle processors to poll instead of halting (PM QoS, as cyclictest does), as long as the file is held open.
 
     A halted processor wakes with cold caches: the work of a tick then costs two to five times its time.
@@ -162,16 +164,18 @@ def _cpu_awake(_priority: int) -> Measure:
     except FileNotFoundError:
         return _unavailable(name, f"there is no {LATENCY_FILE}")
     except OSError as error:
-        return Measure(name, False, f"refused: {error.strerror}; make {LATENCY_FILE} writable for you by a udev rule")
+        return RealTimeMeasure(
+            name, False, f"refused: {error.strerror}; make {LATENCY_FILE} writable for you by a udev rule"
+        )
     try:
         os.write(descriptor, struct.pack("=i", 0))
     except OSError as error:
         os.close(descriptor)
         return _unavailable(name, f"{LATENCY_FILE}: {error.strerror}")
-    return Measure(name, True, "idle processors poll", lambda: os.close(descriptor))
+    return RealTimeMeasure(name, True, "idle processors poll", lambda: os.close(descriptor))
 
 
-def _fifo(priority: int) -> Measure:
+def _fifo(priority: int) -> RealTimeMeasure:
     """Put this thread under SCHED_FIFO: it runs before any ordinary thread. Children and new threads stay ordinary."""
     name = "fifo"
     if sys.platform != "linux":
@@ -182,7 +186,7 @@ def _fifo(priority: int) -> Measure:
         os.sched_setscheduler(0, os.SCHED_FIFO | os.SCHED_RESET_ON_FORK, os.sched_param(priority))
     except PermissionError:
         cure = f"put '<user> - rtprio {priority}' into {LIMITS_FILE} and log in again"
-        return Measure(name, False, f"refused: priority {priority} needs an rtprio limit; {cure}")
+        return RealTimeMeasure(name, False, f"refused: priority {priority} needs an rtprio limit; {cure}")
     except (OSError, ValueError) as error:
         return _unavailable(name, f"sched_setscheduler: {error}")
 
@@ -192,10 +196,10 @@ def _fifo(priority: int) -> Measure:
         except PermissionError:  # without CAP_SYS_NICE the reset-on-fork flag, once set, stays
             os.sched_setscheduler(0, before | os.SCHED_RESET_ON_FORK, before_param)
 
-    return Measure(name, True, f"priority {priority}", undo)
+    return RealTimeMeasure(name, True, f"priority {priority}", undo)
 
 
-_MEASURES: dict[str, Callable[[int], Measure]] = {
+_MEASURES: dict[str, Callable[[int], RealTimeMeasure]] = {
     "timer-slack": _timer_slack,
     "gc-frozen": _gc_frozen,
     "memory-locked": _memory_locked,
@@ -206,7 +210,7 @@ _MEASURES: dict[str, Callable[[int], Measure]] = {
 NAMES = tuple(_MEASURES)
 
 
-def engage(names: Iterable[str] = NAMES, *, priority: int = PRIORITY) -> list[Measure]:
+def engage(names: Iterable[str] = NAMES, *, priority: int = PRIORITY) -> list[RealTimeMeasure]:
     """Try the named measures, in the order of NAMES, and return each result. Raises ValueError for an unknown name."""
     wanted = set(names)
     unknown = sorted(wanted - set(NAMES))
@@ -217,15 +221,15 @@ def engage(names: Iterable[str] = NAMES, *, priority: int = PRIORITY) -> list[Me
     ]
 
 
-def _substitute(name: str) -> Measure:
+def _substitute(name: str) -> RealTimeMeasure:
     """Take a system's own measure of this name."""
     try:
-        return Measure(name, True, *system.REAL_TIME[name]())
+        return RealTimeMeasure(name, True, *system.REAL_TIME[name]())
     except OSError as error:
         return _unavailable(name, str(error))
 
 
-def release(measures: Iterable[Measure]) -> None:
+def release(measures: Iterable[RealTimeMeasure]) -> None:
     """Undo measures, last first."""
     for measure in reversed(list(measures)):
         measure.undo()

@@ -133,7 +133,7 @@ if sys.platform == "linux":
 
     send_with_descriptors, receive_with_descriptors = socket.send_fds, socket.recv_fds
 
-    def share_port(unbound: socket.socket) -> None:
+    def share_address(unbound: socket.socket) -> None:
         """Let other sockets of this user have the same port. Raises OSError."""
         unbound.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEPORT, 1)
 
@@ -187,7 +187,7 @@ else:
         """Raise OSError."""
         raise OSError(WITHOUT)
 
-    def share_port(unbound: socket.socket) -> None:
+    def share_address(unbound: socket.socket) -> None:
         """Raise OSError."""
         raise OSError(WITHOUT)
 

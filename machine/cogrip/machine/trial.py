@@ -32,7 +32,7 @@ CLOCK_S = 120.0  # longest time of the trial by the clock: a machine may be busy
 MOST_ANSWER_BYTES = 65536
 
 
-class TrialError(Exception):
+class TrialLimitError(Exception):
     """The trial came to no answer. The text says which limit it met."""
 
 
@@ -45,10 +45,10 @@ def tried(trial: Callable[[], str]) -> str:
     if answer.endswith(b"\n"):
         return answer[:-1].decode(errors="ignore")
     if status is None:
-        raise TrialError(f"has taken more than {CLOCK_S:g} s")
+        raise TrialLimitError(f"has taken more than {CLOCK_S:g} s")
     if status == OUT_OF_PROCESSOR:
-        raise TrialError(f"takes more than {PROCESSOR_S} s of the processor")
-    raise TrialError(f"takes more than {MEMORY_BYTES >> 20} MB of memory, or ends the process that loads it")
+        raise TrialLimitError(f"takes more than {PROCESSOR_S} s of the processor")
+    raise TrialLimitError(f"takes more than {MEMORY_BYTES >> 20} MB of memory, or ends the process that loads it")
 
 
 def _forked(trial: Callable[[], str]) -> tuple[bytes, int | None]:

@@ -70,7 +70,7 @@ Times = Sequence[float]
 Rows = tuple[Times, Sequence[Any]]  # time of each row, and the record that its fields are read from
 
 
-class Layout(NamedTuple):
+class TopicLayout(NamedTuple):
     """The fields of one topic's records; rows: times and records to rows, mostly the same."""
 
     fields: list[Field]
@@ -96,25 +96,25 @@ class Layout(NamedTuple):
         return {"time_s": np.array(times), **{name: known[name].array(sources) for name in names or known}}
 
 
-def layout_of(first: Record, start: str = "{}", *, numbered: bool = False) -> Layout:
+def layout_of(first: Record, start: str = "{}", *, numbered: bool = False) -> TopicLayout:
     """Return the layout of the records of one topic by the first of them.
 
     start: that of the recording's header. numbered: seats stand under their number, not their person.
     """
     if isinstance(first, Tick):
-        return Layout(_fields(Tick, len(first.force_n)), lambda times, ticks: (times, list(map(_as_read, ticks))))
+        return TopicLayout(_fields(Tick, len(first.force_n)), lambda times, ticks: (times, list(map(_as_read, ticks))))
     if isinstance(first, Step):
         return _step_layout(first, numbered)
     if isinstance(first, Poses):
-        return Layout([_scalar("step", int, attrgetter("step")), _poses(len(first.poses) // len(_POSE))])
+        return TopicLayout([_scalar("step", int, attrgetter("step")), _poses(len(first.poses) // len(_POSE))])
     if isinstance(first, Sensors):
-        return Layout([_scalar("step", int, attrgetter("step")), _sensors(first.names, len(first.sensors))])
+        return TopicLayout([_scalar("step", int, attrgetter("step")), _sensors(first.names, len(first.sensors))])
     if isinstance(first, Ledger):
         return _account_layout(first.account, start)
     if isinstance(first, Datagram):
         address = _scalar("address", str, lambda datagram: _host_port(datagram.address))
-        return Layout([address, _scalar("data_hex", str, lambda datagram: datagram.data.hex())])
-    return Layout(_fields(type(first), 0))
+        return TopicLayout([address, _scalar("data_hex", str, lambda datagram: datagram.data.hex())])
+    return TopicLayout(_fields(type(first), 0))
 
 
 def _fields(record: type[Record], axes: int, prefix: str = "", of: Callable[[Any], Any] | None = None) -> list[Field]:
@@ -216,7 +216,7 @@ def _plain(hint: Any) -> Any:
     return _plain(next(each for each in args if each is not NoneType)) if NoneType in args else hint
 
 
-def _step_layout(first: Step, numbered: bool) -> Layout:
+def _step_layout(first: Step, numbered: bool) -> TopicLayout:
     axes, seats = len(first.object_m), len(first.seats)
     fields = _fields(Step, axes)
     for number, seat in enumerate(first.seats):
@@ -229,7 +229,7 @@ def _step_layout(first: Step, numbered: bool) -> Layout:
             raise ValueError(_UNEVEN)
         return times, steps
 
-    return Layout(fields, rows)
+    return TopicLayout(fields, rows)
 
 
 def _as_read(tick: Tick) -> Tick:
@@ -277,16 +277,16 @@ def _item(place: int) -> Callable[[Any], Any]:
     return item
 
 
-def _account_layout(account: str, start: str) -> Layout:
+def _account_layout(account: str, start: str) -> TopicLayout:
     """A client's account is one row, a server's a row for each seat of the room."""
     table = json.loads(account)
     if isinstance(table, dict):
         return _server_layout(start)
     client = _account_fields(ClientAccount, len(table[0]), lambda account: account)
-    return Layout(client, lambda times, ledgers: (times, [json.loads(ledger.account) for ledger in ledgers]))
+    return TopicLayout(client, lambda times, ledgers: (times, [json.loads(ledger.account) for ledger in ledgers]))
 
 
-def _server_layout(start: str) -> Layout:
+def _server_layout(start: str) -> TopicLayout:
     try:
         rooms = {room.name: room for room in start_of(start)[0]}
     except (KeyError, ValueError):  # it can be read all the same
@@ -310,7 +310,7 @@ def _server_layout(start: str) -> Layout:
                 found.append((time_s, {**row, "room_dropped": table.get("dropped", {}), "account": table["account"]}))
         return [time_s for time_s, _ in found], [row for _, row in found]
 
-    return Layout(fields, rows)
+    return TopicLayout(fields, rows)
 
 
 def _reasons(counts: Mapping[str, int]) -> str:

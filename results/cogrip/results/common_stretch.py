@@ -14,13 +14,13 @@ from numpy.typing import NDArray
 from cogrip.machine.addition import add_floats
 from cogrip.protocol.axes import PLACES
 from cogrip.results.summary_values import Summary, dig, is_number
-from cogrip.results.traces import Columns, Run, Trace
+from cogrip.results.traces import Columns, EndTrace, TracedRun
 
 SAME_LENGTH = 0.01
 """Relative difference of two lengths below which they are the same: it moves a total by no more than that."""
 
 
-def common_stretch_s(runs: Sequence[Run]) -> float | None:
+def common_stretch_s(runs: Sequence[TracedRun]) -> float | None:
     """Return the length of the shortest run [s]; None where all are as long as each other, or a length is not known."""
     known = [length for run in runs if (length := length_s(run)) is not None]
     if len(known) < len(runs) or max(known) - min(known) <= SAME_LENGTH * max(known):
@@ -28,7 +28,7 @@ def common_stretch_s(runs: Sequence[Run]) -> float | None:
     return min(known)
 
 
-def length_s(run: Run) -> float | None:
+def length_s(run: TracedRun) -> float | None:
     """Return the time from the first tick of any client to the end of the last one [s]; without ticks, that of the summary."""
     traces = list(run.clients.values()) or ([run.room] if run.room else [])
     if traces:
@@ -38,11 +38,11 @@ def length_s(run: Run) -> float | None:
     return float(seconds) if is_number(seconds) else None
 
 
-def _start_s(run: Run) -> float:
+def _start_s(run: TracedRun) -> float:
     return min(float(trace.time_s[0]) for trace in run.clients.values() or ([run.room] if run.room else []))
 
 
-def summary_of_first(run: Run, seconds: float) -> Summary:
+def summary_of_first(run: TracedRun, seconds: float) -> Summary:
     """Return what the recordings tell of the first `seconds` of a run, in a summary's keys; `seconds` is its length."""
     until_s = _start_s(run) + seconds if run.clients or run.room else 0.0
     room, rows = run.room, slice(0)
@@ -55,7 +55,7 @@ def summary_of_first(run: Run, seconds: float) -> Summary:
     }
 
 
-def _person(run: Run, seat: int, name: str, until_s: float, rows: slice) -> dict[str, Any]:
+def _person(run: TracedRun, seat: int, name: str, until_s: float, rows: slice) -> dict[str, Any]:
     trace, room = run.clients.get(name), run.room
     found: dict[str, Any] = {"name": name}
     energy: dict[str, float | None] = {}
@@ -74,7 +74,7 @@ def _person(run: Run, seat: int, name: str, until_s: float, rows: slice) -> dict
     return {**found, "energy": energy, "link": {"lost": add_floats(both) if len(both) == len(lost) else None}}
 
 
-def _ticks_per_frame(run: Run, trace: Trace) -> int:
+def _ticks_per_frame(run: TracedRun, trace: EndTrace) -> int:
     """Return M: a client's account sums its path from frame to frame."""
     network_hz = run.room.rate_hz if run.room else dig(run.settings, "rates", "network_hz")
     return max(1, round(trace.rate_hz / network_hz)) if is_number(network_hz) and network_hz > 0 else 1

@@ -6,7 +6,7 @@ from typing import Any, NamedTuple
 
 from cogrip.results.common_stretch import common_stretch_s, length_s, summary_of_first
 from cogrip.results.summary_values import UNKNOWN, Summary, dig, energy, is_number, name_of, number, people
-from cogrip.results.traces import Run
+from cogrip.results.traces import TracedRun
 
 MOST_RUNS = 12  # most runs that are compared: more colours are not told apart
 NOT_SET = "not set"
@@ -59,7 +59,7 @@ _PERSON = (
 _ALL = (Quantity("object.travel_m", "travel", "mm", 1e3), Quantity("seconds", "length", "s"))
 
 
-class Difference(NamedTuple):
+class RunDifference(NamedTuple):
     """One number in every run, in the units of summary.json; who: a person, or "" for the object and the run."""
 
     who: str
@@ -106,7 +106,7 @@ def labels_of(folders: Sequence[Path]) -> list[str]:
     return names if len(set(names)) == len(names) else [str(folder) for folder in folders]
 
 
-def check_comparable(runs: Sequence[Run], labels: Sequence[str]) -> list[str]:
+def check_comparable(runs: Sequence[TracedRun], labels: Sequence[str]) -> list[str]:
     """Return the people whom all runs have in common, in the order of the first one's seats. Raises ComparisonError."""
     if not 2 <= len(runs) <= MOST_RUNS:
         raise ComparisonError(f"{len(runs)} runs cannot be compared; name 2 to {MOST_RUNS} of them")
@@ -130,7 +130,7 @@ def check_comparable(runs: Sequence[Run], labels: Sequence[str]) -> list[str]:
     return everywhere
 
 
-def axes_of(run: Run) -> int | None:
+def axes_of(run: TracedRun) -> int | None:
     """Return the number of axes, by the settings or else the recordings."""
     axes = dig(run.settings, "object", "axes")
     if isinstance(axes, int):
@@ -141,13 +141,13 @@ def axes_of(run: Run) -> int | None:
     return int(trace.columns["object_m"].shape[1])
 
 
-def object_of(run: Run) -> str | None:
+def object_of(run: TracedRun) -> str | None:
     """Return the kind of the object, where the settings tell."""
     kind = dig(run.settings, "object", "kind")
     return kind if isinstance(kind, str) else None
 
 
-def differences(summaries: Sequence[Summary], names: Sequence[str] | None = None) -> list[Difference]:
+def differences(summaries: Sequence[Summary], names: Sequence[str] | None = None) -> list[RunDifference]:
     """Return every number that the summaries tell, side by side: the run's, then those of each person.
 
     names: whose; else those of everybody who is in all the summaries that name anybody.
@@ -156,17 +156,18 @@ def differences(summaries: Sequence[Summary], names: Sequence[str] | None = None
     if names is None:
         known = [table for table in tables if table]
         names = [name for name in (known[0] if known else ()) if all(name in table for table in known)]
-    rows = [Difference("", quantity, tuple(quantity.of(summary) for summary in summaries)) for quantity in _ALL]
+    rows = [RunDifference("", quantity, tuple(quantity.of(summary) for summary in summaries)) for quantity in _ALL]
     for name in names:
         rows += [
-            Difference(name, quantity, tuple(quantity.of(table.get(name)) for table in tables)) for quantity in _PERSON
+            RunDifference(name, quantity, tuple(quantity.of(table.get(name)) for table in tables))
+            for quantity in _PERSON
         ]
     return rows
 
 
 def differences_of_runs(
-    runs: Sequence[Run], labels: Sequence[str], names: Sequence[str] | None = None
-) -> tuple[list[Difference], list[str]]:
+    runs: Sequence[TracedRun], labels: Sequence[str], names: Sequence[str] | None = None
+) -> tuple[list[RunDifference], list[str]]:
     """Return `differences` of runs, and what a reader has to know of them.
 
     Of runs that are not equally long they are over the stretch that all have, as far as the recordings tell it.

@@ -16,9 +16,9 @@ from typing import IO, Any, Literal, NamedTuple, Protocol
 import msgspec
 
 from cogrip.protocol.recording.folder import RECOVERED
-from cogrip.protocol.recording.reader import Message
+from cogrip.protocol.recording.reader import RecordedMessage
 from cogrip.protocol.recording.records import KINDS, Datagram, Geoms, Poses, Sensors, Step, kind_of
-from cogrip.results.columns import Column, Layout, layout_of
+from cogrip.results.columns import Column, TopicLayout, layout_of
 from cogrip.results.records import End, RunRecords, decoder
 from cogrip.server.recorder import step_topic
 
@@ -36,7 +36,7 @@ class Exported(NamedTuple):
     rows: int
 
 
-class Table(Protocol):
+class ExportTable(Protocol):
     """Rows on their way into a file."""
 
     def write(self, columns: Sequence[Sequence[Any]]) -> None: ...
@@ -45,7 +45,7 @@ class Table(Protocol):
         """Write what is left; the file is closed too."""
 
 
-Make = Callable[[IO[bytes], Sequence[Column]], Table]
+Make = Callable[[IO[bytes], Sequence[Column]], ExportTable]
 
 
 class CsvTable:
@@ -101,7 +101,7 @@ class ParquetTable:
 _TABLES: dict[Format, Make] = {"csv": CsvTable, "parquet": ParquetTable}
 
 
-def open_table(to: Format, file: IO[bytes], columns: Sequence[Column]) -> Table:
+def open_table(to: Format, file: IO[bytes], columns: Sequence[Column]) -> ExportTable:
     """Return a table that is written into `file`. Raises ExportError where `to` cannot be had."""
     return _TABLES[to](file, columns)
 
@@ -195,12 +195,12 @@ class _Topic:
     def __init__(self, kind: str, start: str, path: Path, make: Make, begun: list[Path]) -> None:
         self._decode = decoder(kind)
         self._start, self._make, self._begun = start, make, begun
-        self._layout: Layout | None = None
-        self._table: Table | None = None
+        self._layout: TopicLayout | None = None
+        self._table: ExportTable | None = None
         self.path = path
         self.rows = 0
 
-    def write(self, messages: list[Message], offset_s: float) -> None:
+    def write(self, messages: list[RecordedMessage], offset_s: float) -> None:
         try:
             records = [self._decode(message.payload) for message in messages]
             layout = self._layout = self._layout or layout_of(records[0], self._start)
@@ -227,7 +227,7 @@ def _export_end(end: End, paths: dict[int, Path], make: Make, begun: list[Path])
     }
     try:
         for chunk in end.recording.chunks():
-            of_topic: defaultdict[int, list[Message]] = defaultdict(list)
+            of_topic: defaultdict[int, list[RecordedMessage]] = defaultdict(list)
             for message in chunk:
                 of_topic[message.topic].append(message)
             for number, messages in of_topic.items():

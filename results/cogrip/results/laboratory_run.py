@@ -25,7 +25,7 @@ BUFFER_BYTES = 2**20  # buffer of a recording: a laboratory's files need not be 
 
 
 @dataclass(frozen=True, slots=True)
-class Outcome:
+class LaboratoryOutcome:
     """A run in virtual time: its summary, what was unstable, saturated or left, in words, and whether it was cut short."""
 
     summary: dict[str, Any]
@@ -42,7 +42,7 @@ def run_laboratory(
     stop: Stop | None = None,
     begins: Sequence[int] = (),
     over: Callable[[Laboratory], bool] | None = None,
-) -> Outcome:
+) -> LaboratoryOutcome:
     """Run to the end. With a folder, settings, recordings and summary are left there.
 
     progress: called with (seconds done, seconds in all) now and then. Once `stop` is set, or `over` returns True after a frame,
@@ -74,7 +74,7 @@ def run_laboratory(
         write_settings(folder, settings)
         write_summary(folder, summary)
     told = laboratory.unstable, laboratory.saturated, laboratory.left
-    return Outcome(summary, *told, bool(stop and stop.reason))
+    return LaboratoryOutcome(summary, *told, bool(stop and stop.reason))
 
 
 @contextmanager

@@ -25,7 +25,7 @@ from cogrip.protocol.recording.folder import RECOVERED, recordings_of
 from cogrip.protocol.recording.reader import Damage, Recording, RecordingError, open_recording
 from cogrip.protocol.recording.records import KINDS, kind_of
 from cogrip.protocol.settings.sections import Settings
-from cogrip.results.columns import Array, Layout, layout_of
+from cogrip.results.columns import Array, TopicLayout, layout_of
 from cogrip.results.folder import CLOCKS
 from cogrip.server.recorder import WHO, step_topic
 from cogrip.server.recorder import start_of as server_start
@@ -105,7 +105,7 @@ class End:
 
     def parts(self, kind: str, *names: str, numbered: bool = False) -> Iterator[dict[str, Array]]:
         """`columns` of one topic, `_PART_ROWS` rows or a chunk more at a time. numbered: seats stand under their number."""
-        layout: Layout | None = None
+        layout: TopicLayout | None = None
         chunks = self.chunks(kind)
         for times, records in chunks:
             layout = layout or layout_of(records[0], self.recording.header.start, numbered=numbered)

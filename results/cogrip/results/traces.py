@@ -68,7 +68,7 @@ class Columns(Mapping[str, Array]):
 
 
 @dataclass
-class Trace:
+class EndTrace:
     """One end of a run; `columns` are those of its ticks or steps (`End.columns`)."""
 
     who: str
@@ -82,7 +82,7 @@ class Trace:
         return self.columns["time_s"]
 
 
-def trace_of(end: End, topic: str) -> Trace:
+def trace_of(end: End, topic: str) -> EndTrace:
     """Read the ticks or steps of one topic; fields of a seat begin with its number (`0.proxy_m`), `live` stands for `state`."""
     columns, rows = Columns(), 0
     for part in end.parts(topic, numbered=True):
@@ -90,11 +90,11 @@ def trace_of(end: End, topic: str) -> Trace:
         if "state" in part:
             part["live"] = part.pop("state") == _LIVE
         columns.extend({name: values for name, values in part.items() if values.dtype.kind != "U"})
-    return Trace(end.who, end.rate_hz, columns, rows)
+    return EndTrace(end.who, end.rate_hz, columns, rows)
 
 
 @dataclass(frozen=True)
-class Run:
+class TracedRun:
     """One run folder. Seat n of the room is names[n]; `clients` has those whose recording is there; `notes` say what is not.
 
     versions: of the software that ran it, as its recordings have them; several with whose they are.
@@ -105,22 +105,22 @@ class Run:
     summary: dict[str, Any]
     settings: dict[str, Any]
     names: tuple[str, ...]
-    clients: dict[str, Trace]
-    room: Trace | None
+    clients: dict[str, EndTrace]
+    room: EndTrace | None
     notes: tuple[str, ...]
     versions: tuple[str, ...] = ()
-    bodies: Trace | None = None
+    bodies: EndTrace | None = None
     shapes: tuple[Shape, ...] = ()
 
 
-def load_run(folder: Path) -> Run:
+def load_run(folder: Path) -> TracedRun:
     """Read everything that can be read. FileNotFoundError if the folder holds nothing of a run."""
     notes: list[str] = []
     summary, settings = (_read_json(folder / name, notes) for name in (SUMMARY, SETTINGS))
-    clients: dict[str, Trace] = {}
-    room: Trace | None = None
+    clients: dict[str, EndTrace] = {}
+    room: EndTrace | None = None
     versions: tuple[str, ...] = ()
-    bodies: tuple[Trace | None, tuple[Shape, ...]] = None, ()
+    bodies: tuple[EndTrace | None, tuple[Shape, ...]] = None, ()
     try:
         records = open_run(folder)
     except (FileNotFoundError, RecordingError) as error:
@@ -151,10 +151,10 @@ def load_run(folder: Path) -> Run:
     notes += [
         f"{name}: {line.removeprefix(f'{name}: ')}" for name in names for line in told_in_log(folder / client_log(name))
     ]
-    return Run(folder, summary, settings, names, clients, room, tuple(notes), versions, *bodies)
+    return TracedRun(folder, summary, settings, names, clients, room, tuple(notes), versions, *bodies)
 
 
-def _try(records: RunRecords, end: End, notes: list[str]) -> Trace | None:
+def _try(records: RunRecords, end: End, notes: list[str]) -> EndTrace | None:
     """Return the trace of an end; notes say what of it cannot be read."""
     try:
         trace = trace_of(end, step_topic(records.room()) if end is records.server else "tick")
@@ -168,7 +168,7 @@ def _try(records: RunRecords, end: End, notes: list[str]) -> Trace | None:
     return trace
 
 
-def _bodies(server: End, room: str) -> tuple[Trace | None, tuple[Shape, ...]]:
+def _bodies(server: End, room: str) -> tuple[EndTrace | None, tuple[Shape, ...]]:
     """Return poses and shapes of the bodies of a room's scene; None and () where there is none."""
     geoms, poses = scene_topics(room)
     if poses not in server.recording.topics:
@@ -229,7 +229,7 @@ def describe(damage: Damage, offset_s: float) -> str:
     return f"{damage.reason}, {span} ({size})"
 
 
-def _names(summary: dict[str, Any], settings: dict[str, Any], traces: Iterable[Trace]) -> tuple[str, ...]:
+def _names(summary: dict[str, Any], settings: dict[str, Any], traces: Iterable[EndTrace]) -> tuple[str, ...]:
     """Return everybody who is mentioned anywhere, in the order of the seats as far as the settings tell."""
     names: dict[str, None] = {}
     for table in (settings, summary):

@@ -8,7 +8,7 @@ import msgspec
 
 from cogrip.protocol.foreign_file import ForeignFileError
 from cogrip.protocol.settings.tool_frame import ToolFrame
-from cogrip.server.ports.seat_limits import Record
+from cogrip.server.ports.seat_limits import ClaimedRecord
 
 VERSION = 1
 
@@ -21,7 +21,7 @@ class SeatCheckpoint(msgspec.Struct, frozen=True):
     nonce: int
     ticket: str
     token: str
-    record: Record | None
+    record: ClaimedRecord | None
     tool: ToolFrame | None = None
 
 

@@ -14,7 +14,7 @@ from cogrip.protocol.settings.rates import NS_PER_S
 from cogrip.protocol.settings.seat import SeatSettings
 from cogrip.protocol.settings.sections import Settings
 from cogrip.protocol.wire.messages import Frame, Power, Stamp, State, Waves, decode, encode
-from cogrip.server.ports.seat_limits import Record
+from cogrip.server.ports.seat_limits import ClaimedRecord
 from cogrip.server.room import Room
 
 SPENT_NS = 250_000_000  # time that the measurement takes at most, with the last frame on top
@@ -60,7 +60,9 @@ def frame_cost(settings: Settings, clock_ns: Callable[[], int], wait_until_ns: C
     room = Room(settings)
     hands: list[StillHand] = []
     for number, seat in enumerate(room.seats):
-        record = Record("frame cost", seat.settings.object.axes, seat.settings.rates.device_hz, 10.0, 2.0, 1.0, 10.0)
+        record = ClaimedRecord(
+            "frame cost", seat.settings.object.axes, seat.settings.rates.device_hz, 10.0, 2.0, 1.0, 10.0
+        )
         room.take_seat(number, number + 1, 1, 0, record)
         seat.address = "frame cost", number
         hands.append(StillHand(seat.settings, room.frame, number + 1))

@@ -5,7 +5,7 @@ from msgspec.structs import replace
 from cogrip.protocol.secure.channel import Address, place_text
 from cogrip.protocol.texts import shown
 from cogrip.protocol.wire import messages
-from cogrip.protocol.wire.clock import Clock
+from cogrip.protocol.wire.clock import MessageClock
 from cogrip.protocol.wire.messages import PROTOCOL_VERSION, Hello, Role, Welcome
 from cogrip.protocol.wire.session import refusal, version_mismatch
 from cogrip.server.admission import AdmissionServices, Denied, Grant
@@ -94,7 +94,7 @@ class Joining:
         if not self._within_budget(who, now_ns):
             return True
         if isinstance(who, Observer):
-            who.last_received_ns, who.clock = now_ns, Clock()
+            who.last_received_ns, who.clock = now_ns, MessageClock()
         elif not record_of(hello).is_of(who.record):
             had = who.record.device if who.record else "another device"
             self.refuse(hello.nonce, address, Denied(

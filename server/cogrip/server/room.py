@@ -19,17 +19,17 @@ from cogrip.protocol.settings.sections import Settings
 from cogrip.protocol.wire import messages
 from cogrip.protocol.wire.accounts import RoomAccount, SeatAccount
 from cogrip.protocol.wire.button_edges import EdgeReceiver, bits_of
-from cogrip.protocol.wire.clock import Clock
+from cogrip.protocol.wire.clock import MessageClock
 from cogrip.protocol.wire.messages import FRAMES, Heartbeat, Mark, Waves
 from cogrip.protocol.wire.session import LOST_NS
 from cogrip.server.checkpoint import VERSION, CheckpointError, RoomCheckpoint
 from cogrip.server.ports.port import Row
-from cogrip.server.ports.seat_limits import BURST_S, Record, SeatLimits, limits_of
+from cogrip.server.ports.seat_limits import BURST_S, ClaimedRecord, SeatLimits, limits_of
 from cogrip.server.schemes import SCHEMES, make_room_world
 from cogrip.server.seats.effects import EffectSender, RoomEffects
 from cogrip.server.seats.geometry_sender import GeometrySender
-from cogrip.server.seats.hand_changes import HandChanges
-from cogrip.server.seats.markers import Markers
+from cogrip.server.seats.hand_changes import SentChanges
+from cogrip.server.seats.markers import RoomMarkers
 from cogrip.server.seats.observers import ObserverSlots
 from cogrip.server.seats.participants import Seat
 from cogrip.server.seats.state import account_of, place_again, put_back
@@ -64,7 +64,7 @@ class Room:
         self._idle_row = (0.0,) * (self._axes * self.world.inputs_per_axis)
         self._frame_ns = NS_PER_S // settings.rates.network_hz
         self.observer_slots = ObserverSlots(settings.admission.observers, settings.rates.network_hz)
-        self.markers = Markers(settings.rates.network_hz)
+        self.markers = RoomMarkers(settings.rates.network_hz)
         self.effects = RoomEffects(settings)
         self._observer_effects: EffectSender | None = None  # to observers
         self.refused_effects: list[str] = []  # why, since its owner emptied it
@@ -75,7 +75,7 @@ class Room:
         self.left: list[Departure] = []
 
     def take_seat(
-        self, number: int, session: int, nonce: int, now_ns: int, record: Record, hand: HandChanges | None = None
+        self, number: int, session: int, nonce: int, now_ns: int, record: ClaimedRecord, hand: SentChanges | None = None
     ) -> None:
         """Begin a seat session at a free seat, with a new port and an empty energy ledger.
 
@@ -88,7 +88,7 @@ class Room:
         power_left = min(1.0, seat.power_left + rested_s / BURST_S)
         seat.begin(session, nonce, now_ns)
         seat.farewell, seat.rtt_ns = b"", None
-        seat.hand = HandChanges(seat.settings, self.settings.rates.network_hz, hand)
+        seat.hand = SentChanges(seat.settings, self.settings.rates.network_hz, hand)
         seat.record, seat.reserved_until_ns = record, None
         seat.limits = self.limits(number)
         seat.port = port = self._scheme.make_port(seat.settings, seat.limits, power_left)
@@ -108,7 +108,7 @@ class Room:
         """Resume a seat session from another address."""
         seat = self.seats[number]
         seat.step("resume")
-        seat.last_received_ns, seat.clock = now_ns, Clock()
+        seat.last_received_ns, seat.clock = now_ns, MessageClock()
         self._tell_geometry(number)
 
     def _tell_geometry(self, number: int) -> None:

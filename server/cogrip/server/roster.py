@@ -9,7 +9,7 @@ from cogrip.protocol.secure.channel import place_text
 from cogrip.protocol.settings.hand import UNCHANGED
 
 if TYPE_CHECKING:  # the command that asks needs no room, and none of numpy
-    from cogrip.protocol.wire.clock import Clock
+    from cogrip.protocol.wire.clock import MessageClock
     from cogrip.server.room import Room
     from cogrip.server.seats.participants import Participant
 
@@ -63,5 +63,5 @@ def _ms(value_ns: int | None) -> Number:
     return None if value_ns is None else round(value_ns * 1e-6, 3)
 
 
-def _rtt_ms(clock: "Clock") -> Number:
+def _rtt_ms(clock: "MessageClock") -> Number:
     return None if clock.return_ns is None or clock.forward_ns is None else _ms(clock.return_ns + clock.forward_ns)

@@ -50,7 +50,7 @@ def unrecorded(core: RecordedClient | RecordedServer, who: str) -> Sink:
     return Nowhere()
 
 
-class Person:
+class LaboratoryPerson:
     """One user: device, core and both directions of the link. visit: how often this person has been in the room before."""
 
     def __init__(self, settings: Settings, number: int, begins: int, visit: int = 0, bare: bool = False) -> None:
@@ -111,7 +111,7 @@ class Laboratory:
         self.settings = settings
         self._bare = bare
         begins = begins or (0,) * len(settings.users)
-        self.people = [Person(settings, number, begin, bare=bare) for number, begin in enumerate(begins)]
+        self.people = [LaboratoryPerson(settings, number, begin, bare=bare) for number, begin in enumerate(begins)]
         self._record = record
         self._sessions, self._tickets = count(1), count(1)
         self.server = self._new_server()
@@ -135,7 +135,7 @@ class Laboratory:
         services = AdmissionServices(lambda: next(self._sessions), new_ticket=lambda: f"ticket-{next(self._tickets)}")
         return RecordedServer([self.settings], VERSION, services)
 
-    def _call(self, person: Person) -> None:
+    def _call(self, person: LaboratoryPerson) -> None:
         """Exchange hello and welcome over a perfect link; from then on the configured one holds."""
         now_ns = self.now_ns
         person.core.handle(inputs.Connect(), now_ns)
@@ -147,7 +147,7 @@ class Laboratory:
         if not person.core.seated:
             raise RuntimeError(person.core.session.failed or f"{person.name} was not seated")
 
-    def _begin(self, person: Person) -> None:
+    def _begin(self, person: LaboratoryPerson) -> None:
         seat = person.core.seat
         assert seat is not None
         link = self.settings.link
@@ -163,11 +163,11 @@ class Laboratory:
         person.going = True
         person.core.handle(inputs.Stop(), self.now_ns)
 
-    def come(self, number: int) -> Person:
+    def come(self, number: int) -> LaboratoryPerson:
         """Return a new person in this seat: the same one again, with a hand that begins anew."""
         before = self.people[number]
         begins = self._frame * before.ticks_per_frame
-        person = self.people[number] = Person(self.settings, number, begins, before.visit + 1, self._bare)
+        person = self.people[number] = LaboratoryPerson(self.settings, number, begins, before.visit + 1, self._bare)
         self.now_ns = due_ns(0, self._frame, self._network_hz)
         person.core.record(self._record(person.core, f"{person.name} {person.visit + 1}"))
         self._call(person)
@@ -279,7 +279,7 @@ class Laboratory:
             if person.going and core.may_leave:
                 self._say_goodbye(person, tick)
 
-    def _say_goodbye(self, person: Person, ticks: int) -> None:
+    def _say_goodbye(self, person: LaboratoryPerson, ticks: int) -> None:
         person.going, person.gone = False, True
         person.core.handle(inputs.CloseLedger(TickCount(due=ticks, run=ticks)), self.now_ns)
         person.core.handle(inputs.Leave("had enough"), self.now_ns)
@@ -345,7 +345,7 @@ class Laboratory:
         return TickCount(due=ticks, run=ticks)
 
 
-def _told(people: Sequence[Person], what: Literal["unstable", "saturated", "left"]) -> list[str]:
+def _told(people: Sequence[LaboratoryPerson], what: Literal["unstable", "saturated", "left"]) -> list[str]:
     """Return what the clients tell of themselves, with names."""
     return [f"{person.name}: {words}" for person in people if (words := getattr(person.core, what))]
 

@@ -10,7 +10,7 @@ import msgspec
 
 from cogrip.protocol.io.recording_process import FLUSH_EVERY_S, WholePieces
 from cogrip.protocol.recording.derived import DERIVED
-from cogrip.protocol.recording.reader import Message, open_recording
+from cogrip.protocol.recording.reader import RecordedMessage, open_recording
 from cogrip.protocol.recording.records import kind_of
 from cogrip.protocol.recording.writer import RecordingWriter
 
@@ -59,13 +59,13 @@ def write_hours(path: Path, seconds: float) -> HoursWritten:
         os.close(fd)
 
 
-def _again(messages: Sequence[Message], until_ns: int) -> Iterator[Message]:
+def _again(messages: Sequence[RecordedMessage], until_ns: int) -> Iterator[RecordedMessage]:
     """From 0 on, lap after lap."""
     first_ns = messages[0].time_ns
     lap_ns = messages[-1].time_ns - first_ns + 1
     for start_ns in range(0, until_ns, lap_ns):
         for topic, time_ns, payload in messages:
-            yield Message(topic, time_ns - first_ns + start_ns, payload)
+            yield RecordedMessage(topic, time_ns - first_ns + start_ns, payload)
 
 
 def _memory_mb() -> float:

@@ -10,7 +10,7 @@ from math import inf, sqrt
 from cogrip.client.hand.velocity import NOISE_N
 from cogrip.client.inputs import DeviceOpened
 from cogrip.devices.device import Capability, Sample
-from cogrip.devices.simulated.device import Plant, SimulatedDevice
+from cogrip.devices.simulated.simulated_device import Plant, SimulatedDevice
 from cogrip.protocol.settings.room import resolve
 from cogrip.sim.laboratory import Laboratory
 

@@ -21,7 +21,7 @@ from cogrip.protocol.recording.reader import (
     MESSAGE_INDEX,
     METADATA,
     SCHEMA,
-    Message,
+    RecordedMessage,
     RecordingError,
 )
 from cogrip.results.records import End
@@ -76,7 +76,7 @@ class FileIndex:
                     )
                 offset = following
 
-    def messages(self, kind: str, from_s: float = -1e9, to_s: float = 1e9) -> Iterator[tuple[float, Message]]:
+    def messages(self, kind: str, from_s: float = -1e9, to_s: float = 1e9) -> Iterator[tuple[float, RecordedMessage]]:
         """Yield (time [s] of the run, message) of one of the topics, in the order of the file, from_s <= time < to_s."""
         topic, shift_s = self.end.topic(kind), self.end.offset_s
         from_ns, to_ns = round((from_s - shift_s) * _ONE_S) - 1, round((to_s - shift_s) * _ONE_S) + 1
@@ -101,7 +101,7 @@ class FileIndex:
                     break
         return (found[0] * 1e-9 + shift_s, found[1] * 1e-9 + shift_s) if found else None
 
-    def _open(self, number: int) -> list[Message]:
+    def _open(self, number: int) -> list[RecordedMessage]:
         with self.end.path.open("rb") as file:
             file.seek(self._offsets[number])
             _, length = _FRAME.unpack(file.read(_FRAME.size))

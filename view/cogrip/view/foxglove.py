@@ -17,10 +17,10 @@ import msgspec
 
 from cogrip.protocol.recording.scene_messages import FRAME_TRANSFORMS, SCENE_UPDATE, SCHEMAS, json_schema
 from cogrip.view import pictures
-from cogrip.view.frames import Frame
+from cogrip.view.frames import SceneFrame
 from cogrip.view.numbers import ObjectNumbers, PersonNumbers, object_numbers, person_numbers
 from cogrip.view.playback import Playback, Status
-from cogrip.view.scene import Scene
+from cogrip.view.scene import PageScene
 
 SUBPROTOCOLS = ("foxglove.sdk.v1", "foxglove.websocket.v1")
 MOST_BYTES = 64 * 1024  # most bytes of a message from the client
@@ -48,7 +48,7 @@ class FoxgloveError(ValueError):
     """A message that is not of the protocol; the text says why."""
 
 
-class Channel(NamedTuple):
+class OfferedTopic(NamedTuple):
     """A topic that is offered. seat: of a person's numbers."""
 
     number: int
@@ -87,19 +87,19 @@ class FoxgloveSession:
     playback  of a recording: the client's own; it is the caller who lets it play at first
     """
 
-    def __init__(self, scene: Scene, began_ns: int = 0, playback: Playback | None = None) -> None:
+    def __init__(self, scene: PageScene, began_ns: int = 0, playback: Playback | None = None) -> None:
         self._scene = scene
         self._began_ns = began_ns
         self._playback = playback
         self._numbers = 0
-        self._channels: dict[int, Channel] = {}
+        self._channels: dict[int, OfferedTopic] = {}
         self._subscribed: dict[int, int] = {}  # subscription -> channel
         self._scene_at_s: float | None = None
         self._drawn: frozenset[str] = frozenset()
         self._told: Status | None = None
         self._offer()
 
-    def _offer(self) -> list[Channel]:
+    def _offer(self) -> list[OfferedTopic]:
         """Add the channels that are not offered yet, and return them."""
         wanted: list[tuple[str, str, bytes, int | None]] = [
             ("/scene", SCENE_UPDATE, SCHEMAS[SCENE_UPDATE], None),
@@ -113,11 +113,11 @@ class FoxgloveSession:
             for person in self._scene.people
         ]
         there = {(channel.topic, channel.seat) for channel in self._channels.values()}
-        added: list[Channel] = []
+        added: list[OfferedTopic] = []
         for topic, name, schema, seat in wanted:
             if (topic, seat) not in there:
                 self._numbers += 1  # a number is never given twice
-                added.append(Channel(self._numbers, topic, name, schema, seat))
+                added.append(OfferedTopic(self._numbers, topic, name, schema, seat))
         self._channels.update({channel.number: channel for channel in added})
         return added
 
@@ -139,7 +139,7 @@ class FoxgloveSession:
             sent.append(_status(INFO, self._scene.note))
         return sent + ([self._state(now_s)] if self._playback is not None else [])
 
-    def change(self, scene: Scene) -> list[Outgoing]:
+    def change(self, scene: PageScene) -> list[Outgoing]:
         """Take another scene: somebody joined, or left. Return what the client is told of it."""
         self._scene = scene
         self._scene_at_s = None
@@ -247,7 +247,7 @@ class FoxgloveSession:
         head = (_STATE, _STATUS_CODES[self._told], time_ns, self._playback.speed, sought, len(text))
         return _STATE_HEAD.pack(*head) + text
 
-    def messages(self, frame: Frame) -> list[bytes]:
+    def messages(self, frame: SceneFrame) -> list[bytes]:
         """Return the time and the messages of the channels that the client takes."""
         if not self._subscribed:
             return []
@@ -259,7 +259,7 @@ class FoxgloveSession:
                 sent.append(_DATA_HEAD.pack(_DATA, number, time_ns) + payload)
         return sent
 
-    def _payload(self, channel: Channel, frame: Frame, time_ns: int) -> bytes | None:
+    def _payload(self, channel: OfferedTopic, frame: SceneFrame, time_ns: int) -> bytes | None:
         if channel.seat is not None:
             person = next((each for each in frame.people if each.seat == channel.seat), None)
             return person_numbers(person, frame.time_s) if person else None
@@ -280,7 +280,7 @@ class FoxgloveSession:
         return min(max(0, self._began_ns + round(time_s * 1e9)), 2**64 - 1)
 
 
-def _advertised(channels: Sequence[Channel]) -> str:
+def _advertised(channels: Sequence[OfferedTopic]) -> str:
     """Return the message that offers channels."""
     table = [
         {

@@ -49,7 +49,7 @@ class PersonFrame:
 
 
 @dataclass(frozen=True, slots=True)
-class Frame:
+class SceneFrame:
     """The object and the people at one moment; `number` is that of the room's step."""
 
     axes: int
@@ -63,7 +63,7 @@ class Frame:
     bodies: tuple[Pose, ...] = ()  # of a scene, in the order of their numbers; NaN: not known
 
 
-def encode(frame: Frame) -> bytes:
+def encode(frame: SceneFrame) -> bytes:
     """Return a frame as bytes."""
     head = _HEAD.pack(
         FRAME, frame.axes, len(frame.people), frame.flags, frame.number % 2**32, frame.time_s,
@@ -82,7 +82,7 @@ def _encode_person(person: PersonFrame) -> bytes:
     )  # fmt: skip
 
 
-def decode(data: bytes) -> Frame:
+def decode(data: bytes) -> SceneFrame:
     """Return the frame in `data`. Raises FrameError."""
     try:
         kind, axes, count, flags, number, time_s, *rest = _HEAD.unpack_from(data)
@@ -93,7 +93,9 @@ def decode(data: bytes) -> Frame:
         raise FrameError(f"kind {kind}, {len(data)} bytes: not a frame of {count} people")
     people = tuple([_decode_person(data, HEAD_BYTES + each * PERSON_BYTES) for each in range(count)])
     bodies = tuple(_BODY.iter_unpack(data[end:]))
-    return Frame(axes, number, time_s, vector(rest[:3]), vector(rest[3:6]), people, tuple(rest[6:10]), flags, bodies)
+    return SceneFrame(
+        axes, number, time_s, vector(rest[:3]), vector(rest[3:6]), people, tuple(rest[6:10]), flags, bodies
+    )
 
 
 def _decode_person(data: bytes, offset: int) -> PersonFrame:
@@ -108,13 +110,13 @@ def _decode_person(data: bytes, offset: int) -> PersonFrame:
     )  # fmt: skip
 
 
-def encode_chunk(number: int, frames: Sequence[Frame]) -> bytes:
+def encode_chunk(number: int, frames: Sequence[SceneFrame]) -> bytes:
     """Return a chunk of a recording: frames of the same people and bodies, compressed; the same frames give the same bytes."""
     packed = gzip.compress(b"".join([encode(frame) for frame in frames]), compresslevel=9, mtime=0)
     return _CHUNK.pack(CHUNK, number, len(frames)) + packed
 
 
-def decode_chunk(data: bytes, people: int, bodies: int = 0) -> tuple[int, list[Frame]]:
+def decode_chunk(data: bytes, people: int, bodies: int = 0) -> tuple[int, list[SceneFrame]]:
     """Return number and frames of a chunk. Raises FrameError."""
     if len(data) < _CHUNK.size or data[0] != CHUNK:
         raise FrameError(f"{len(data)} bytes that are no chunk")

@@ -18,7 +18,7 @@ AXES = "xyz"
 
 
 @dataclass(frozen=True, slots=True)
-class Channel:
+class StreamChannel:
     """One number of a sample. unit: as LSL's metadata names it."""
 
     label: str
@@ -26,15 +26,15 @@ class Channel:
     kind: str
 
 
-def channels(seat: SeatSettings) -> list[Channel]:
+def channels(seat: SeatSettings) -> list[StreamChannel]:
     """Return the channels of the state stream of a room with this seat's settings."""
     axes = AXES[: min(PLACES, seat.object.axes)]
-    found = [Channel("step", "frames", "Counter"), Channel("clock_uncertainty", "seconds", "Time")]
-    found += [Channel(f"object_{axis}", "meters", "Position") for axis in axes]
-    found += [Channel(f"object_v{axis}", "meters/second", "Velocity") for axis in axes]
+    found = [StreamChannel("step", "frames", "Counter"), StreamChannel("clock_uncertainty", "seconds", "Time")]
+    found += [StreamChannel(f"object_{axis}", "meters", "Position") for axis in axes]
+    found += [StreamChannel(f"object_v{axis}", "meters/second", "Velocity") for axis in axes]
     for number in range(seat.people):
-        found += [Channel(f"seat{number}_{axis}", "meters", "Position") for axis in axes]
-        found += [Channel(f"seat{number}_f{axis}", "newtons", "Force") for axis in axes]
+        found += [StreamChannel(f"seat{number}_{axis}", "meters", "Position") for axis in axes]
+        found += [StreamChannel(f"seat{number}_f{axis}", "newtons", "Force") for axis in axes]
     return found
 
 

@@ -17,13 +17,13 @@ from cogrip.protocol.wire.button_edges import bits_of, edge_words
 from cogrip.protocol.wire.messages import Person, Pose, View
 from cogrip.results.verdict import least_margin
 from cogrip.view import frames
-from cogrip.view.frames import Frame, PersonFrame
+from cogrip.view.frames import PersonFrame, SceneFrame
 from cogrip.view.scene import (
     WORKSPACE_M,
+    DrawnObject,
     Geometry,
-    Scene,
+    PageScene,
     SceneEvent,
-    SceneObject,
     ScenePerson,
     colour,
     turn_of,
@@ -36,9 +36,9 @@ OLD_SERVER = "this server is an older one: it tells observers neither names nor 
 OLD_AFTER = 64  # views with hands, but without a message about anybody, after which the server is an older one
 
 
-def scene_object(kind: str, mass_kg: float) -> SceneObject:
+def scene_object(kind: str, mass_kg: float) -> DrawnObject:
     """Return the object of a kind as it is drawn."""
-    return SceneObject(kind, "wall" if kind == "wall" else "box", object_size_m(kind), mass_kg)
+    return DrawnObject(kind, "wall" if kind == "wall" else "box", object_size_m(kind), mass_kg)
 
 
 class LiveScene:
@@ -61,7 +61,7 @@ class LiveScene:
         self.events: deque[SceneEvent] = deque(maxlen=256)
         self.scene = self._scene()
 
-    def update(self, core: ObserverCore) -> Frame | None:
+    def update(self, core: ObserverCore) -> SceneFrame | None:
         """Return the frame of the newest view, None without one. `scene` and `events` follow who is there."""
         view = core.view
         if view is None:
@@ -86,7 +86,7 @@ class LiveScene:
             self.scene = self._scene()
         people = tuple([self._person(each, view, axes, time_s) for each in self._seated(view)])
         contact = frames.CONTACT if any(person.flags & frames.PUSHES for person in people) else 0
-        return Frame(
+        return SceneFrame(
             axes, view.number, time_s, position, vector(view.object[axes:]), people, turn_of(self._shapes, self._poses),
             contact, self._poses,
         )  # fmt: skip
@@ -179,7 +179,7 @@ class LiveScene:
         sent = person.sent - counts[0][2]
         return (person.lost - counts[0][1]) / sent if sent > 0 else 0.0
 
-    def _scene(self) -> Scene:
+    def _scene(self) -> PageScene:
         given = self._settings
         axes, wall = min(given.object.axes, PLACES), given.object.kind == "wall"
         geometry = (Geometry("plane", (0.0, 0.0, 0.0), (1.0, 0.0, 0.0), (0.0, 0.2, 0.2)),) if wall else ()
@@ -189,7 +189,7 @@ class LiveScene:
             held, offset = held_at[seat], vector(person.offset_m)
             anchor = (held[0] - offset[0], held[1] - offset[1], held[2] - offset[2])
             people.append(ScenePerson(seat, person.name, colour(seat), anchor))
-        return Scene(
+        return PageScene(
             given.room, "live", axes, given.rates.network_hz, given.rates.device_hz,
             scene_object(given.object.kind, given.object.mass_kg), tuple(people), geometry,
             effects=tuple([shape for _, effect in sorted(self._effects.items()) for shape in drawn_effect(effect)]),

@@ -2,13 +2,13 @@
 
 import msgspec
 
-from cogrip.protocol.recording.scene_messages import Message, Quaternion, Vector3
-from cogrip.view.frames import CONTACT, NOT_PASSIVE, PUSHES, Frame, PersonFrame
+from cogrip.protocol.recording.scene_messages import FoxgloveMessage, Quaternion, Vector3
+from cogrip.view.frames import CONTACT, NOT_PASSIVE, PUSHES, PersonFrame, SceneFrame
 
 _encode = msgspec.json.Encoder().encode
 
 
-class ObjectNumbers(Message, frozen=True, gc=False):
+class ObjectNumbers(FoxgloveMessage, frozen=True, gc=False):
     """The object. Its number is that of the room's step."""
 
     time_s: float
@@ -19,7 +19,7 @@ class ObjectNumbers(Message, frozen=True, gc=False):
     contact: bool
 
 
-class PersonNumbers(Message, frozen=True, gc=False):
+class PersonNumbers(FoxgloveMessage, frozen=True, gc=False):
     """One person, as in `PersonFrame`."""
 
     time_s: float
@@ -44,7 +44,7 @@ class PersonNumbers(Message, frozen=True, gc=False):
     handle: Quaternion
 
 
-def object_numbers(frame: Frame) -> bytes:
+def object_numbers(frame: SceneFrame) -> bytes:
     """Return the object's numbers as JSON."""
     w, x, y, z = frame.orientation
     position, velocity = Vector3(*frame.position_m), Vector3(*frame.velocity_mps)

@@ -14,7 +14,7 @@ from cogrip.view.tab import Tab
 PanelState = Literal["waiting", "running", "asking", "paused", "over"]
 
 
-class Target(msgspec.Struct, frozen=True):
+class GoalPlace(msgspec.Struct, frozen=True):
     """A goal's place: where the object's is to be, within that distance, on the axes that are given."""
 
     place_m: tuple[float, ...]
@@ -43,7 +43,7 @@ class PanelMessage(msgspec.Struct, frozen=True, tag_field="type", tag="panel"):
     state: PanelState = "waiting"
     title: str = ""
     text: str = ""
-    target: Target | None = None
+    target: GoalPlace | None = None
     prompt: Prompt | None = None
 
 
@@ -70,7 +70,7 @@ class Panel:
         self.message = message
         self._changed()
 
-    def change(self, target: Target) -> None:
+    def change(self, target: GoalPlace) -> None:
         """Show a target, and leave the rest."""
         self.message = replace(self.message, target=target)
         self._changed()

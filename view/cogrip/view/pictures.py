@@ -23,29 +23,29 @@ from cogrip.protocol.recording.scene_messages import (
     turned_to,
 )
 from cogrip.protocol.session_drawing import HAND_SIZE_M, OBJECT_COLOUR
-from cogrip.view.frames import Frame, PersonFrame
-from cogrip.view.scene import Scene, ScenePerson
+from cogrip.view.frames import PersonFrame, SceneFrame
+from cogrip.view.scene import PageScene, ScenePerson
 
 _PLANE_M = 0.001  # thickness of a plane as it is drawn
 
 
-def drawn(scene: Scene, frame: Frame) -> frozenset[str]:
+def drawn(scene: PageScene, frame: SceneFrame) -> frozenset[str]:
     """Return the frames that have a place in this frame."""
     fixed = [scene.room] if scene.geoms or scene.effects else []
     return frozenset([place.frame for place in _places(scene, frame)] + fixed)
 
 
-def scene(scene: Scene, drawn: frozenset[str], time_ns: int) -> bytes:
+def scene(scene: PageScene, drawn: frozenset[str], time_ns: int) -> bytes:
     """Return the bodies of the frames in `drawn`."""
     return scene_update(time_ns, [body for body in _bodies(scene) if body.frame in drawn])
 
 
-def transforms(scene: Scene, frame: Frame, time_ns: int) -> bytes:
+def transforms(scene: PageScene, frame: SceneFrame, time_ns: int) -> bytes:
     """Return where everything is."""
     return frame_transforms(time_ns, scene.room, list(_places(scene, frame)))
 
 
-def forces(scene: Scene, frame: Frame, time_ns: int) -> bytes:
+def forces(scene: PageScene, frame: SceneFrame, time_ns: int) -> bytes:
     """Return everybody's force on the object and stretched coupling, and what is flexible in a scene."""
     pushes: list[Push] = []
     for person, who in _people(scene, frame):
@@ -56,7 +56,7 @@ def forces(scene: Scene, frame: Frame, time_ns: int) -> bytes:
     return forces_update(time_ns, scene.room, pushes, soft)
 
 
-def _people(scene: Scene, frame: Frame) -> Iterator[tuple[PersonFrame, ScenePerson]]:
+def _people(scene: PageScene, frame: SceneFrame) -> Iterator[tuple[PersonFrame, ScenePerson]]:
     """Yield those who have a seat."""
     by_seat = {person.seat: person for person in scene.people}
     for person in frame.people:
@@ -64,7 +64,7 @@ def _people(scene: Scene, frame: Frame) -> Iterator[tuple[PersonFrame, ScenePers
             yield person, by_seat[person.seat]
 
 
-def _places(scene: Scene, frame: Frame) -> Iterator[Place]:
+def _places(scene: PageScene, frame: SceneFrame) -> Iterator[Place]:
     w, x, y, z = frame.orientation
     if _known(frame.position_m):
         yield Place(f"{scene.room}/object", frame.position_m, Quaternion(x, y, z, w))
@@ -84,7 +84,7 @@ def _places(scene: Scene, frame: Frame) -> Iterator[Place]:
             yield Place(f"{scene.room}/{who.name}/seen", person.seen_m)
 
 
-def _bodies(scene: Scene) -> Iterator[Body]:
+def _bodies(scene: PageScene) -> Iterator[Body]:
     size_m, point_m = scene.object.size_m, (HAND_SIZE_M, HAND_SIZE_M, HAND_SIZE_M)
     box = scene.object.shape != "sphere"
     if shapes := (*scene.geoms, *scene.effects):

@@ -4,7 +4,7 @@ from collections.abc import Callable, Sequence
 from math import isfinite
 from typing import Literal
 
-from cogrip.view.frames import Frame
+from cogrip.view.frames import SceneFrame
 from cogrip.view.recording import CHUNK_S
 
 Status = Literal["playing", "paused", "ended"]
@@ -20,7 +20,7 @@ class Playback:
     It begins paused at 0. At the end it stays there; `play` then begins anew.
     """
 
-    def __init__(self, frames_of: Callable[[int], Sequence[Frame]], chunks: int, duration_s: float) -> None:
+    def __init__(self, frames_of: Callable[[int], Sequence[SceneFrame]], chunks: int, duration_s: float) -> None:
         self._frames_of, self._chunks, self._duration_s = frames_of, chunks, duration_s
         self._from_s = 0.0  # place at `_since_s`
         self._since_s: float | None = None  # None: paused
@@ -80,7 +80,7 @@ class Playback:
         if range_s and not range_s[0] <= self._from_s < range_s[1]:
             self.seek(range_s[0], now_s)
 
-    def due(self, now_s: float) -> list[Frame]:
+    def due(self, now_s: float) -> list[SceneFrame]:
         """Return the frames since the last call; after a jump, the one that is shown there."""
         place_s = self.place_s(now_s)
         shown_s, self._shown_s = self._shown_s, place_s
@@ -98,7 +98,7 @@ class Playback:
         every = -(-len(found) // MOST_FRAMES) or 1
         return found[::-1][::every][::-1]  # the newest in any case
 
-    def _here(self, place_s: float) -> list[Frame]:
+    def _here(self, place_s: float) -> list[SceneFrame]:
         """Return the newest frame at a time, or the first there is."""
         for number in range(min(int(place_s // CHUNK_S), self._chunks - 1), -1, -1):
             before = [frame for frame in self._frames_of(number) if frame.time_s <= place_s]

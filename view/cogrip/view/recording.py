@@ -33,9 +33,18 @@ from cogrip.results.verdict import least_margin
 from cogrip.server.recorder import scene_topics, step_topic
 from cogrip.view import frames
 from cogrip.view.file_index import FileIndex
-from cogrip.view.frames import Frame, PersonFrame
+from cogrip.view.frames import PersonFrame, SceneFrame
 from cogrip.view.recorded_events import client_event, server_event
-from cogrip.view.scene import WORKSPACE_M, Scene, SceneEvent, SceneObject, ScenePerson, colour, turn_of, workspace_of
+from cogrip.view.scene import (
+    WORKSPACE_M,
+    DrawnObject,
+    PageScene,
+    SceneEvent,
+    ScenePerson,
+    colour,
+    turn_of,
+    workspace_of,
+)
 
 CHUNK_S = 10.0
 MOST_HZ = 64  # most frames a second
@@ -129,7 +138,7 @@ class RecordedView:
                 return told[0][1], _of_bodies(first)
         return Geoms((), ()), ()
 
-    def _make_scene(self, settings: Settings, client: FileIndex | None) -> Scene:
+    def _make_scene(self, settings: Settings, client: FileIndex | None) -> PageScene:
         sides = [user.side for user in settings.users] if self._server else ["left"] * len(self._names)
         kind, axes = settings.object.kind, min(settings.object.axes, PLACES)
         if self._server is None and client is not None:
@@ -148,9 +157,9 @@ class RecordedView:
         ]
         duration_s = self._end_s - self._start_s
         room = settings.name if self._server or client is None else client.end.recording.header.room
-        return Scene(
+        return PageScene(
             room, "recording", axes, settings.rates.network_hz, settings.rates.device_hz,
-            SceneObject(kind, "wall" if kind == "wall" else "box", object_size_m(kind), settings.object.mass_kg), tuple(people),
+            DrawnObject(kind, "wall" if kind == "wall" else "box", object_size_m(kind), settings.object.mass_kg), tuple(people),
             note=shown(" ".join(self._notes)), duration_s=duration_s, chunks=int(duration_s // CHUNK_S) + 1,
             events=events, geoms=self._geoms.shapes,
             effects=tuple([shape for effect in settings.effects for shape in drawn_effect(effect)]),
@@ -207,7 +216,7 @@ class RecordedView:
         """Return one chunk as the socket sends it. Raises ViewError for a number that is not there."""
         return frames.encode_chunk(number, self.frames(number))
 
-    def _frames(self, number: int) -> tuple[Frame, ...]:
+    def _frames(self, number: int) -> tuple[SceneFrame, ...]:
         """Return the frames of one chunk. Raises ViewError for a number that is not there."""
         if not 0 <= number < self.scene.chunks:
             raise ViewError(f"chunk {number} is not there; the recording has {self.scene.chunks}, from 0")
@@ -237,7 +246,7 @@ class RecordedView:
     def _frames_of_steps(
         self, steps: Sequence[tuple[float, Step]], clients: dict[str, _Ticks], from_s: float,
         bodies: dict[int, tuple[Pose, ...]],
-    ) -> Iterator[Frame]:  # fmt: skip
+    ) -> Iterator[SceneFrame]:  # fmt: skip
         times_s = [time_s for time_s, _ in steps]
         credit_j = self._settings.playout.tank_mj * 1e-3 if self._settings else 0.0
         unknown = (UNKNOWN_POSE,) * len(self._first_poses)
@@ -254,7 +263,7 @@ class RecordedView:
             poses = bodies.get(step.step, unknown)
             yield self._frame(step.step, time_s, _vector(step.object_m), _vector(step.object_mps), people, poses)
 
-    def _frames_of_ticks(self, clients: dict[str, _Ticks], from_s: float) -> Iterator[Frame]:
+    def _frames_of_ticks(self, clients: dict[str, _Ticks], from_s: float) -> Iterator[SceneFrame]:
         first = next(iter(self._motions()), None)
         clock = clients[first[0].end.who] if first else _Ticks([], [], {})
         for time_s in clock.times_s:
@@ -269,11 +278,11 @@ class RecordedView:
     def _frame(
         self, number: int, time_s: float, position_m: Vector, velocity_mps: Vector, people: Sequence[PersonFrame],
         bodies: tuple[Pose, ...] = (),
-    ) -> Frame:  # fmt: skip
+    ) -> SceneFrame:  # fmt: skip
         touched = any(person.flags & frames.PUSHES for person in people)
         axes, flags = self.scene.axes, frames.CONTACT if touched else 0
         turned = turn_of(self._geoms.shapes, bodies)
-        return Frame(
+        return SceneFrame(
             axes, number, time_s - self._start_s, position_m, velocity_mps, tuple(people), turned, flags, bodies
         )
 

@@ -36,7 +36,7 @@ class ScenePerson(msgspec.Struct, frozen=True):
     anchor_m: Vector
 
 
-class SceneObject(msgspec.Struct, frozen=True):
+class DrawnObject(msgspec.Struct, frozen=True):
     """The shared object as it is drawn. kind: as in the settings."""
 
     kind: str
@@ -54,7 +54,7 @@ class Geometry(msgspec.Struct, frozen=True):
     size_m: Vector
 
 
-class Scene(msgspec.Struct, frozen=True, tag_field="type", tag="scene"):
+class PageScene(msgspec.Struct, frozen=True, tag_field="type", tag="scene"):
     """All that a page needs before its first frame."""
 
     room: str
@@ -62,7 +62,7 @@ class Scene(msgspec.Struct, frozen=True, tag_field="type", tag="scene"):
     axes: int
     network_hz: int
     device_hz: int
-    object: SceneObject
+    object: DrawnObject
     people: tuple[ScenePerson, ...] = ()
     geometry: tuple[Geometry, ...] = ()
     workspace_m: tuple[tuple[float, float], ...] = WORKSPACE_M
@@ -110,6 +110,6 @@ def turn_of(shapes: Sequence[Shape], poses: Sequence[Pose]) -> tuple[float, floa
     return w, x, y, z
 
 
-def to_json(message: Scene | SceneEvent | Sequence[SceneEvent]) -> str:
+def to_json(message: PageScene | SceneEvent | Sequence[SceneEvent]) -> str:
     """Return a text message."""
     return msgspec.json.encode(message).decode()

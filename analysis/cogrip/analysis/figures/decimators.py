@@ -16,7 +16,7 @@ from cogrip.analysis.decimation_passivity import (
     swept_sine,
     worst_input,
 )
-from cogrip.analysis.figures.page import Page, Table
+from cogrip.analysis.figures.page import FigurePage, FigureTable
 from cogrip.protocol.laws.decimation import make_decimator
 from cogrip.protocol.settings.rates import Rates
 from cogrip.results.plots.style import ALARM, DOTTED, LINES, Sheet, colour
@@ -42,7 +42,7 @@ CASES = (
 )
 
 
-def decimator_page() -> Page:
+def decimator_page() -> FigurePage:
     """Draw S(w), and the share of the energy that each one keeps back in a swept run and under its worst input."""
     M = RATES.ticks_per_frame
     sheet = Sheet(1, 3, row_in=3.6, widths=(1.0, 1.0, 1.0))
@@ -88,4 +88,4 @@ def decimator_page() -> Page:
         "P asks for a cut-off below pi/M; its own filter at 50 rad/s keeps that and still makes 1.25 % at worst."
     )
     columns = ("decimator", "curve", "frequency_hz_or_time_s", "gain_or_percent")
-    return Page("decimators", "Which decimator creates energy", caption, figure, Table(columns, rows))
+    return FigurePage("decimators", "Which decimator creates energy", caption, figure, FigureTable(columns, rows))

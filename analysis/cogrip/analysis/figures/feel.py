@@ -7,14 +7,14 @@ from typing import Any
 import numpy as np
 
 from cogrip.analysis.feel import Condition, conditions, device_impedance, frequencies_hz
-from cogrip.analysis.figures.page import Page, Table
+from cogrip.analysis.figures.page import FigurePage, FigureTable
 from cogrip.analysis.linear_session import LinearSession
 from cogrip.results.plots.style import ALARM, DASHED, DOTTED, FAINT, INK, Sheet, colour, label, title
 
 _GIVES = {"facecolor": ALARM, "alpha": 0.1, "lw": 0}
 
 
-def feel_page(session: LinearSession, user: int) -> Page:
+def feel_page(session: LinearSession, user: int) -> FigurePage:
     """Draw each condition with its ideal, and the bare device's own impedance, which comes on top."""
     frequency = frequencies_hz(session.people[0].rates)
     found = conditions(session, user, frequency)
@@ -43,7 +43,7 @@ def feel_page(session: LinearSession, user: int) -> Page:
     columns = (
         "condition", "frequency_hz", "rendered_real_nspm", "rendered_imag_nspm", "ideal_real_nspm", "ideal_imag_nspm",
     )  # fmt: skip
-    return Page("feel", f"What {name} feels", caption, figure, Table(columns, rows))
+    return FigurePage("feel", f"What {name} feels", caption, figure, FigureTable(columns, rows))
 
 
 def _draw(above: Any, below: Any, condition: Condition, frequency: Any, device: Any, tint: Any) -> None:

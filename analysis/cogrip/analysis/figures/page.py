@@ -21,7 +21,7 @@ class FilesInTheWayError(FileExistsError):
 
 
 @dataclass(frozen=True, slots=True)
-class Table:
+class FigureTable:
     """A table of numbers or words, with units in the columns' names."""
 
     columns: tuple[str, ...]
@@ -37,14 +37,14 @@ class Table:
 
 
 @dataclass(frozen=True, slots=True)
-class Page:
+class FigurePage:
     """A figure: the name of its files, a title, a caption on what to look for, and its numbers."""
 
     name: str
     title: str
     caption: str
     figure: Figure
-    table: Table
+    table: FigureTable
 
 
 def svg(figure: Figure) -> bytes:
@@ -55,7 +55,7 @@ def svg(figure: Figure) -> bytes:
     return out.getvalue()
 
 
-def save_page(folder: Path, page: Page, record: Mapping[str, Any] | None = None) -> list[Path]:
+def save_page(folder: Path, page: FigurePage, record: Mapping[str, Any] | None = None) -> list[Path]:
     """Write a page's files, with a `record` its JSON too, whose `record["question"]` is the query, and return their paths.
 
     The same query may be answered again. Raises OSError where it cannot be written; FilesInTheWayError, and writes nothing,

@@ -11,10 +11,10 @@ import msgspec
 import numpy as np
 from matplotlib.axes import Axes
 
-from cogrip.analysis.figures.page import Page, Table
+from cogrip.analysis.figures.page import FigurePage, FigureTable
 from cogrip.analysis.figures.region import COLUMNS, SCHEME_NAMES, draw_regions, frames, line_style, region_rows
 from cogrip.analysis.lifted_model import LiftedModel
-from cogrip.analysis.linear_session import LinearSession, Person, Scheme, linear_session, scheme_overrides
+from cogrip.analysis.linear_session import LinearPerson, LinearSession, Scheme, linear_session, scheme_overrides
 from cogrip.analysis.region import Region, regions, traced
 from cogrip.analysis.stability import largest_stable
 from cogrip.protocol.settings.room import resolve
@@ -41,7 +41,7 @@ def paper_settings(scheme: Scheme, device_kg: float = DEVICE_KG, object_kg: floa
     return resolve({"object": {"mass_kg": object_kg}, "users": people}, scheme_overrides(scheme))
 
 
-def one_scheme(scheme: Scheme, name: str, heading: str, ways: Sequence[tuple[str, int]] = (("", 0),)) -> Page:
+def one_scheme(scheme: Scheme, name: str, heading: str, ways: Sequence[tuple[str, int]] = (("", 0),)) -> FigurePage:
     """Draw one scheme's region at the four delays, for a light device and for theory section 6's, on the same axes.
 
     ways: a row of panels each, and by how many frames the server's answer is older there.
@@ -67,10 +67,12 @@ def one_scheme(scheme: Scheme, name: str, heading: str, ways: Sequence[tuple[str
         "(P prints no masses: these are ours). Largest stable stiffness of two alike, at 0, 1, 2, 4 frames each way: "
         f"{'; '.join(results)}. Every line is traced and verified on both sides."
     )
-    return Page(name, heading, caption, figure, Table(("answer_older_frames", "device_mass_kg", *COLUMNS), rows))
+    return FigurePage(
+        name, heading, caption, figure, FigureTable(("answer_older_frames", "device_mass_kg", *COLUMNS), rows)
+    )
 
 
-def virtual_coupling() -> Page:
+def virtual_coupling() -> FigurePage:
     """Draw Fig. 6 with the object after the server's step as its answer, as in every scheme here, and before it."""
     ways = (("answer after the step", 0), ("answer before the step", 1))  # which is after the one before
     return one_scheme("coupling", "fig6", "Fig. 6: virtual coupling", ways)
@@ -83,12 +85,12 @@ def _older(scheme: Scheme, device_kg: float, older_frames: int) -> list[LinearSe
     return [replace(session, people=tuple(_late(one, older_frames) for one in session.people)) for session in sessions]
 
 
-def _late(person: Person, frames: int) -> Person:
+def _late(person: LinearPerson, frames: int) -> LinearPerson:
     ticks = frames * person.rates.ticks_per_frame
     return replace(person, down=person.down._replace(link_ticks=person.down.link_ticks + ticks))
 
 
-def side_by_side() -> Page:
+def side_by_side() -> FigurePage:
     """Draw the three schemes on the same axes: estimated velocities above, exact ones, as in P, below."""
     box = max(regions(paper_settings(scheme), DELAYS_FRAMES, estimated=False)[1] for scheme in ("paper", "coupling"))
     order: tuple[Scheme, ...] = ("coupling", "paper", "passive")
@@ -116,7 +118,9 @@ def side_by_side() -> Page:
         "paper's waves are made of the velocity, which then is of positions alone."
     )
     columns = ("scheme", "estimated", *COLUMNS)
-    return Page("regions", "Virtual coupling, the paper's waves, and ours", caption, figure, Table(columns, rows))
+    return FigurePage(
+        "regions", "Virtual coupling, the paper's waves, and ours", caption, figure, FigureTable(columns, rows)
+    )
 
 
 def _side(scheme: Scheme, estimated: bool, box_npm: tuple[float, float]) -> list[Region]:
@@ -133,7 +137,7 @@ def _words(region: Region) -> str:
     return "any" if limit is None else "none" if limit == 0.0 else f"{limit:.0f}"
 
 
-def masses() -> Page:
+def masses() -> FigurePage:
     """Draw the largest stable stiffness of two users alike over the object's mass, for devices of several masses."""
     shown: tuple[Scheme, ...] = ("paper", "coupling")
     sheet = Sheet(len(MASS_DELAYS_FRAMES), len(shown), row_in=2.3)
@@ -160,7 +164,7 @@ def masses() -> Page:
         "shrinks. Idealised as in P: exact velocities, with which cogrip's passive scheme has no limit at any of these masses."
     )
     columns = ("scheme", "delay_frames", "device_mass_kg", "object_mass_kg", "largest_stable_stiffness_npm")
-    return Page("masses", "How the picture depends on masses", caption, figure, Table(columns, rows))
+    return FigurePage("masses", "How the picture depends on masses", caption, figure, FigureTable(columns, rows))
 
 
 def _limit(scheme: Scheme, device_kg: float, object_kg: float, delay_frames: float) -> float:

@@ -11,7 +11,7 @@ from matplotlib.axes import Axes
 from matplotlib.patches import Polygon
 
 from cogrip.analysis.boundary import Boundary
-from cogrip.analysis.figures.page import Page, Table
+from cogrip.analysis.figures.page import FigurePage, FigureTable
 from cogrip.analysis.region import Region, grid_axes
 from cogrip.protocol.settings.sections import Settings
 from cogrip.results.plots.style import INK, LINES, Legend, Sheet, Style, colour, label, title
@@ -23,7 +23,7 @@ COLUMNS = ("delay_frames", "kind", "stiffness_0_npm", "stiffness_1_npm", "radius
 
 def region_page(
     regions: Sequence[Region], box_npm: tuple[float, float], conditions: str, estimated: bool = True
-) -> Page:
+) -> FigurePage:
     """Draw one panel with every delay's boundary; the region is on the origin's side. conditions: under which it holds."""
     sheet = Sheet(1, 1, row_in=_PANEL_IN)
     session = regions[0].session
@@ -34,12 +34,12 @@ def region_page(
     figure = sheet.finish(
         f"stiffness of {names[0]} [kN/m]", [f"stiffness of {names[1]} [kN/m]"], legend_of(regions), columns=2
     )
-    return Page(
+    return FigurePage(
         "region",
         "Stable region",
         caption_of(regions, conditions),
         figure,
-        Table(COLUMNS, region_rows(regions, box_npm)),
+        FigureTable(COLUMNS, region_rows(regions, box_npm)),
     )
 
 

@@ -6,7 +6,7 @@ from collections.abc import Callable
 from typing import NamedTuple
 
 from cogrip.analysis.figures.decimators import decimator_page
-from cogrip.analysis.figures.page import Page
+from cogrip.analysis.figures.page import FigurePage
 from cogrip.analysis.figures.paper_regions import masses, one_scheme, side_by_side, virtual_coupling
 from cogrip.analysis.figures.wall_contact import wall_page
 
@@ -15,7 +15,7 @@ class Entry(NamedTuple):
     """A page: its file name, and the function that draws it."""
 
     name: str
-    make: Callable[[], Page]
+    make: Callable[[], FigurePage]
 
 
 FIGURES = (

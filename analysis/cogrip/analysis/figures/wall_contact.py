@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from cogrip.analysis.feel import on_wall, slow_feel
-from cogrip.analysis.figures.page import Page, Table
+from cogrip.analysis.figures.page import FigurePage, FigureTable
 from cogrip.analysis.linear_session import linear_session, scheme_overrides
 from cogrip.analysis.state_space import Array
 from cogrip.protocol.settings.room import resolve
@@ -64,7 +64,7 @@ def contacts() -> list[Contact]:
     return found
 
 
-def wall_page() -> Page:
+def wall_page() -> FigurePage:
     """Draw Fig. 5 at both delays, for three schemes."""
     found = contacts()
     sheet = Sheet(2, len(TD_MS), row_in=2.7)
@@ -102,7 +102,7 @@ def wall_page() -> Page:
     columns = (
         "run", "td_ms", "time_s", "hand_m", "proxy_m", "force_n", "measured_stiffness_npm", "predicted_stiffness_npm",
     )  # fmt: skip
-    return Page("fig5", "Fig. 5: a wall touched through the line", caption, figure, Table(columns, rows))
+    return FigurePage("fig5", "Fig. 5: a wall touched through the line", caption, figure, FigureTable(columns, rows))
 
 
 def _named(contacts: Sequence[Contact]) -> str:

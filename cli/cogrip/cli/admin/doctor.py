@@ -13,14 +13,14 @@ from cogrip.cli.terminal.output import Json, make_console, write_json
 from cogrip.cli.terminal.problem import BadInput
 from cogrip.machine import punctuality
 from cogrip.machine.compiled_files import form
-from cogrip.machine.punctuality import Machine, Punctuality
+from cogrip.machine.punctuality import MachineState, Punctuality
 from cogrip.machine.realtime import PRIORITY
 
 _COLOURS = {"in reach": "green", "marginal": "yellow", "out of reach": "red"}
 _INTERRUPTED = 130  # exit code that a shell reports for Ctrl-C
 
 
-def _machine_table(machine: Machine) -> Table:
+def _machine_table(machine: MachineState) -> Table:
     """Return the machine's settings and this user's permissions."""
 
     def shown(value: object) -> str:
@@ -92,7 +92,7 @@ def _advice_table(advice: Sequence[str]) -> Group:
     return Group("[italic]Advice[/]", lines)
 
 
-def _render(console: Console, machine: Machine, found: Sequence[Punctuality], advice: Sequence[str]) -> None:
+def _render(console: Console, machine: MachineState, found: Sequence[Punctuality], advice: Sequence[str]) -> None:
     if machine.busy is not None:
         console.print(f"\nmeasured under load (load average {machine.busy:.1f}): a quiet machine is more punctual")
     for part in (_machine_table(machine), _lateness_table(found), _advice_table(advice)):

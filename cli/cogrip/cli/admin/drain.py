@@ -3,7 +3,7 @@
 from cogrip.cli.admin.state_folder import Port, State, answer_of, check_words
 from cogrip.cli.terminal.output import make_console
 from cogrip.protocol.wire.join_link import DEFAULT_PORT
-from cogrip.server.io.control import MOST_REASON, Drain
+from cogrip.server.io.control import MOST_REASON, DrainOrder
 
 
 def drain(host: str, /, *, state: State = None, port: Port = DEFAULT_PORT) -> int:
@@ -18,6 +18,6 @@ def drain(host: str, /, *, state: State = None, port: Port = DEFAULT_PORT) -> in
         Its address, or the beginning of its node id as `ray status` shows it.
     """
     check_words("drain: host", host, MOST_REASON)
-    answer, _ = answer_of("drain", Drain(host), state, port)
+    answer, _ = answer_of("drain", DrainOrder(host), state, port)
     make_console(soft_wrap=True).print(answer.text)
     return 0

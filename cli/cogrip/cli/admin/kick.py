@@ -8,7 +8,7 @@ from cogrip.cli.admin.state_folder import Port, State, answer_of, check_words
 from cogrip.cli.terminal.output import make_console
 from cogrip.cli.terminal.problem import BadInput
 from cogrip.protocol.wire.join_link import DEFAULT_PORT
-from cogrip.server.io.control import MOST_REASON, MOST_WORD, Kick
+from cogrip.server.io.control import MOST_REASON, MOST_WORD, KickOrder
 
 
 def kick(
@@ -41,6 +41,6 @@ def kick(
         check_words(f"kick: {what}", text, most)
     if not user:
         raise BadInput("kick: name somebody, as the server prints it")
-    answer, _ = answer_of("kick", Kick(user, room, reason, revoke), state, port)
+    answer, _ = answer_of("kick", KickOrder(user, room, reason, revoke), state, port)
     make_console(soft_wrap=True).print(answer.text)
     return 0

@@ -5,7 +5,7 @@ from cogrip.cli.terminal.output import make_console
 from cogrip.cli.terminal.problem import BadInput
 from cogrip.protocol.wire.join_link import DEFAULT_PORT
 from cogrip.protocol.wire.messages import MARK_BYTES
-from cogrip.server.io.control import MOST_WORD, Mark
+from cogrip.server.io.control import MOST_WORD, MarkOrder
 
 
 def mark(text: str, /, *, room: str = "", state: State = None, port: Port = DEFAULT_PORT) -> int:
@@ -26,6 +26,6 @@ def mark(text: str, /, *, room: str = "", state: State = None, port: Port = DEFA
         raise BadInput(f"mark: text has {len(text.encode())} bytes of UTF-8, more than {MARK_BYTES}; say it shorter")
     if not text.strip():
         raise BadInput("mark: the text is empty; say what happened")
-    answer, _ = answer_of("mark", Mark(text, room), state, port)
+    answer, _ = answer_of("mark", MarkOrder(text, room), state, port)
     make_console(soft_wrap=True).print(answer.text)
     return 0

@@ -9,7 +9,7 @@ from cogrip.cli.terminal.output import make_console
 from cogrip.cli.terminal.problem import BadInput
 from cogrip.protocol.settings.hand import parsed
 from cogrip.protocol.wire.join_link import DEFAULT_PORT
-from cogrip.server.io.control import MOST_WORD, SetHand
+from cogrip.server.io.control import MOST_WORD, SetHandOrder
 
 
 def set_hand(
@@ -43,6 +43,6 @@ def set_hand(
         change = parsed(pairs)
     except ValueError as error:
         raise BadInput(f"set: {error}") from None
-    answer, _ = answer_of("set", SetHand(name, change, room), state, port)
+    answer, _ = answer_of("set", SetHandOrder(name, change, room), state, port)
     make_console(soft_wrap=True).print(answer.text)
     return 0

@@ -10,7 +10,16 @@ from cyclopts import Parameter
 
 from cogrip.cli.terminal.problem import BadInput, Problem, within
 from cogrip.protocol.wire.join_link import DEFAULT_PORT
-from cogrip.server.io.control import Answer, Drain, Kick, Mark, NotRunningError, SetHand, Who, ask
+from cogrip.server.io.control import (
+    DrainOrder,
+    KickOrder,
+    MarkOrder,
+    NotRunningError,
+    OrderReply,
+    SetHandOrder,
+    WhoOrder,
+    ask,
+)
 from cogrip.server.io.state_folder import (
     NoStateError,
     ServerRecord,
@@ -45,8 +54,8 @@ def server_at(folder: StateFolder) -> ServerRecord | None:
 
 
 def answer_of(
-    command: str, order: Who | Kick | Mark | SetHand | Drain, state: Path | None, port: int
-) -> tuple[Answer, Path]:
+    command: str, order: WhoOrder | KickOrder | MarkOrder | SetHandOrder | DrainOrder, state: Path | None, port: int
+) -> tuple[OrderReply, Path]:
     """Return the running server's answer, and its state folder.
 
     Raises BadInput for an unknown room, Problem where the server refuses or does not run.
@@ -54,7 +63,7 @@ def answer_of(
     path = _path(state, port)
     try:
         folder = find_folder(path)
-        if not isinstance(order, Drain) and (server := read_server(folder)) is not None:
+        if not isinstance(order, DrainOrder) and (server := read_server(folder)) is not None:
             check_known("--room", order.room, list(server.rooms), "room")
         answer = ask(folder, order)
     except (NoStateError, NotRunningError):

@@ -9,7 +9,7 @@ from cogrip.cli.admin.state_folder import Port, State, state_at
 from cogrip.cli.terminal.output import make_console
 from cogrip.cli.terminal.problem import BadInput, Problem
 from cogrip.protocol.wire.join_link import DEFAULT_PORT
-from cogrip.server.io.control import ControlError, NotRunningError, Reload, ask
+from cogrip.server.io.control import ControlError, NotRunningError, ReloadOrder, ask
 from cogrip.server.io.state_folder import StateError, StateFolder
 from cogrip.server.io.token_file import TokenFile
 from cogrip.server.tokens import TokenBook, UnknownTokenError
@@ -63,7 +63,7 @@ def _id(text: str) -> str:
 
 def _notify_server(folder: StateFolder, console: Console) -> int:
     try:
-        answer = ask(folder, Reload())
+        answer = ask(folder, ReloadOrder())
     except NotRunningError:
         console.print("no server is running there: it will read this at its start")
         return 0

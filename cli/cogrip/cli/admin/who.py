@@ -13,7 +13,7 @@ from cogrip.cli.terminal.problem import BadInput
 from cogrip.cli.terminal.tables import Fitted, clock, columns_table
 from cogrip.protocol.texts import shown
 from cogrip.protocol.wire.join_link import DEFAULT_PORT
-from cogrip.server.io.control import MOST_WORD, Who
+from cogrip.server.io.control import MOST_WORD, WhoOrder
 from cogrip.server.roster import RosterEntry
 
 _HEADINGS = ("name", "room", "seat", "address", "since", "rtt ms", "up ms", "down ms", "lost", "device")
@@ -40,7 +40,7 @@ def who(
     check_words("who: --room", room, MOST_WORD)
     if server:
         port = _port_here(server, state, port)
-    answer, folder = answer_of("who", Who(room), state, port)
+    answer, folder = answer_of("who", WhoOrder(room), state, port)
     if json is not None:
         people = [{name: getattr(each, name) for name in RosterEntry.__struct_fields__} for each in answer.people]
         write_json({"folder": str(folder), "people": people, "said": answer.text}, json)

@@ -5,8 +5,8 @@ from math import degrees
 
 from rich.console import Console
 
-from cogrip.cli.devices.conform import Clock
-from cogrip.cli.devices.opened_arm import arm_at, termination_raised, try_port, wait_for_enter
+from cogrip.cli.devices.conform import TickClock
+from cogrip.cli.devices.opened_arm import arm_at, termination_raised, try_line, wait_for_enter
 from cogrip.cli.devices.tried_response import try_response
 from cogrip.cli.terminal.output import make_console
 from cogrip.cli.terminal.problem import BadInput, Problem
@@ -41,7 +41,7 @@ def device_calibrate(address: str, /, *, yes: bool = False, damping: bool = Fals
         return _identify(arm, address, console, yes=yes)
     console.print(f"Home pose: {_home(arm, address)} (see docs/devices.md).")
     if not yes:
-        try_port(arm)
+        try_line(arm)
         wait_for_enter(console, "Put the arm there and hold it still.")
     with Problem.of(DeviceError):
         calibration = arm.calibrate(_now())
@@ -69,7 +69,7 @@ def _identify(arm: ArmDevice, address: str, console: Console, *, yes: bool) -> i
             f"{address}: pose=none gives no force, so nothing can be identified; calibrate it, and leave that key out"
         )
     if not yes:
-        try_port(arm)
+        try_line(arm)
         wait_for_enter(console, "Put the arm in mid-range, take your hands off it, keep one at the power switch.")
     with Problem.of(DeviceError):
         # Haply's "currents" are torques: half of the motors' continuous torque is small enough
@@ -77,7 +77,7 @@ def _identify(arm: ArmDevice, address: str, console: Console, *, yes: bool) -> i
         console.print("  how it moves under small forces")
         if wrong := try_response(address):
             raise DeviceError(f"it does not move as its record says, and nothing is kept: {'; '.join(wrong)}")
-        clock = Clock(min(RATE_HZ, arm.model.record.rate_hz))
+        clock = TickClock(min(RATE_HZ, arm.model.record.rate_hz))
         measures = engage(["gc-frozen", "fifo"])
         try:
             with termination_raised():

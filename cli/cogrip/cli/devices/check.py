@@ -6,12 +6,12 @@ from rich.console import Console
 from rich.table import Table
 from rich.text import Text
 
-from cogrip.cli.devices.opened_arm import arm_at, termination_raised, try_port, wait_for_enter
+from cogrip.cli.devices.opened_arm import arm_at, termination_raised, try_line, wait_for_enter
 from cogrip.cli.devices.tried_response import try_response
 from cogrip.cli.terminal.output import make_console
 from cogrip.cli.terminal.problem import BadInput, Problem
 from cogrip.cli.terminal.tables import say
-from cogrip.devices.arm.check import Measured, Row, verdict
+from cogrip.devices.arm.check import ArmFindings, VerdictRow, verdict
 from cogrip.devices.arm.driver import ArmDevice
 from cogrip.devices.arm.model import ArmModel
 from cogrip.devices.device import DeviceError
@@ -52,7 +52,7 @@ def device_check(
             f"{address}: its board takes torques and has no watchdog, so it is not pushed here; see docs/devices.md"
         )
     if not yes:
-        try_port(arm)
+        try_line(arm)
         wait_for_enter(console, "Put the arm in mid-range, take your hands off it, keep one at the power switch.")
     with Problem.of(DeviceError):
         model, measured, current_ma = _measure(arm, current_ma, moving_s, console)
@@ -73,16 +73,18 @@ def device_check(
     return 1 if bad else 0
 
 
-def _add_response(address: str, rows: list[Row]) -> str:
+def _add_response(address: str, rows: list[VerdictRow]) -> str:
     """Add a row for each thing that the arm does under force other than its record says. Return why it was not tried, or ""."""
     try:
         found = try_response(address)
     except DeviceError as error:
         return str(error)
     wanted = "as its record says"
-    rows += [Row("motion under force", what, wanted, good=False, cure=cure) for what, _, cure in map(_split, found)]
+    rows += [
+        VerdictRow("motion under force", what, wanted, good=False, cure=cure) for what, _, cure in map(_split, found)
+    ]
     if not found:
-        rows.append(Row("motion under force", "along its own axes, the right way, on time", wanted, good=True))
+        rows.append(VerdictRow("motion under force", "along its own axes, the right way, on time", wanted, good=True))
     return ""
 
 
@@ -91,7 +93,7 @@ def _split(found: str) -> tuple[str, str, str]:
     return found.rpartition(": ")
 
 
-def rows_table(rows: Sequence[Row]) -> Table:
+def rows_table(rows: Sequence[VerdictRow]) -> Table:
     """Return a row a measured quantity."""
     table = Table(box=None, header_style="dim", padding=(0, 2, 0, 0), pad_edge=False)
     table.add_column("", no_wrap=True)
@@ -103,11 +105,13 @@ def rows_table(rows: Sequence[Row]) -> Table:
     return table
 
 
-def _measure(arm: ArmDevice, current_ma: float, moving_s: float, console: Console) -> tuple[ArmModel, Measured, float]:
+def _measure(
+    arm: ArmDevice, current_ma: float, moving_s: float, console: Console
+) -> tuple[ArmModel, ArmFindings, float]:
     """Return the arm's model, the measurements, and the current that pushed it. Raises DeviceError."""
     most_ma = min(arm.model.drive.largest_ma)
     if most_ma <= 0.0:
-        raise DeviceError(f"{arm.exchange.port.name}: gives no force, so there is nothing to check: it is read only")
+        raise DeviceError(f"{arm.exchange.line.name}: gives no force, so there is nothing to check: it is read only")
     current_ma = min(current_ma, most_ma)
     check = ArmCheck(arm.exchange, current_ma)
     with termination_raised():

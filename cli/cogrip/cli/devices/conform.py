@@ -3,7 +3,7 @@
 from cogrip.cli.devices.opened_arm import wait_for_enter
 from cogrip.cli.terminal.output import make_console
 from cogrip.cli.terminal.problem import BadInput, Problem, within
-from cogrip.devices.conformance import CHECKS, Subject, UnfitError
+from cogrip.devices.conformance import CHECKS, DeviceSubject, UnfitDeviceError
 from cogrip.devices.device import Device, DeviceError, defects_named
 from cogrip.devices.registry import axes_of, is_input_only, is_real, make, record_of
 from cogrip.devices.response import most_push_n
@@ -39,8 +39,8 @@ def device_conform(address: str, /, *, axes: int | None = None, rate_hz: int = 1
     _try(device, address, rate_hz)
     yields = not is_input_only(address) and not address.startswith(MOVED_BY_NOBODY)
     knows = not real and hasattr(device, "force_n")
-    subject = Subject(
-        lambda: make(address, axes=count), rate_hz, Clock(rate_hz).wait if real else lambda tick: None,
+    subject = DeviceSubject(
+        lambda: make(address, axes=count), rate_hz, TickClock(rate_hz).wait if real else lambda tick: None,
         (lambda held: held.force_n) if knows else None,  # type: ignore[attr-defined]
         PUSH_N if real else PLANT_PUSH_N if address.startswith("sim:") else float("inf"),
         time.monotonic_ns if real else None,
@@ -55,7 +55,7 @@ def device_conform(address: str, /, *, axes: int | None = None, rate_hz: int = 1
     for check in CHECKS:
         try:
             check(subject)
-        except (UnfitError, DeviceError) as error:
+        except (UnfitDeviceError, DeviceError) as error:
             broken += 1
             console.print(f"✗ {check.__name__}: {error}")
         except Exception as error:  # noqa: BLE001 (a driver's author has to see it)
@@ -78,7 +78,7 @@ def _try(device: Device, address: str, rate_hz: int) -> None:
             device.close()
 
 
-class Clock:
+class TickClock:
     """Clock of a loop that begins anew with every tick 0."""
 
     def __init__(self, rate_hz: int) -> None:

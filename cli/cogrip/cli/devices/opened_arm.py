@@ -32,11 +32,11 @@ def arm_at(address: str) -> ArmDevice:
     return device
 
 
-def try_port(arm: ArmDevice) -> None:
+def try_line(arm: ArmDevice) -> None:
     """Open the port of an arm and close it again, so that nobody prepares one that is not there. Raises Problem."""
     with Problem.of(DeviceError):
-        arm.exchange.port.open()
-    arm.exchange.port.close()
+        arm.exchange.line.open()
+    arm.exchange.line.close()
 
 
 def drop_early_lines() -> None:

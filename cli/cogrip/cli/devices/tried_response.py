@@ -3,7 +3,7 @@
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 
-from cogrip.cli.devices.conform import Clock
+from cogrip.cli.devices.conform import TickClock
 from cogrip.cli.devices.opened_arm import termination_raised
 from cogrip.cli.terminal.problem import BadInput, Problem
 from cogrip.devices import response
@@ -59,7 +59,7 @@ def _opened(address: str, most_hz: int) -> Iterator[tuple[Device, response.Clock
     with defects_named(repr(address), "open"):
         rate_hz = min(most_hz, device.capability.rate_hz)
         device.open(rate_hz)
-    clock = Clock(rate_hz).newest if real else lambda tick: tick
+    clock = TickClock(rate_hz).newest if real else lambda tick: tick
     measures = engage(["gc-frozen", "fifo"]) if real else []
     try:
         with termination_raised(), defects_named(repr(address), "motion under small forces"):

@@ -9,7 +9,7 @@ from rich.console import Console
 
 from cogrip.cli.devices.calibrate import device_calibrate
 from cogrip.cli.devices.check import device_check
-from cogrip.cli.devices.conform import Clock
+from cogrip.cli.devices.conform import TickClock
 from cogrip.cli.devices.device_setting import placed, starting_text
 from cogrip.cli.devices.listing import handle_words
 from cogrip.cli.devices.opened_arm import drop_early_lines, termination_raised
@@ -233,7 +233,7 @@ class _Wizard:
         """Return the answer of a trial on the device, opened anew. Raises DeviceError."""
         device = make(address, axes=axes_of(address))
         real = is_real(address)
-        clock: trial.Clock = Clock(trial.RATE_HZ).newest if real else lambda tick: tick
+        clock: trial.Clock = TickClock(trial.RATE_HZ).newest if real else lambda tick: tick
         seen = 0
 
         def show(sample: Sample) -> None:

@@ -7,10 +7,10 @@ from rich.table import Table
 from rich.text import Text
 
 from cogrip.cli.terminal.tables import Fitted, marked, plain_table
-from cogrip.results.comparison import Difference
+from cogrip.results.comparison import RunDifference
 
 
-def compared_table(rows: Sequence[Difference], labels: Sequence[str]) -> Group:
+def compared_table(rows: Sequence[RunDifference], labels: Sequence[str]) -> Group:
     """Return a row a number, a group a person; `=` where a number is the same as in the first run.
 
     Runs have letters, explained below. Those that do not fit stand in further tables, each beside the first run.
@@ -26,7 +26,7 @@ def compared_table(rows: Sequence[Difference], labels: Sequence[str]) -> Group:
     return Group(Fitted(*layouts), *legend)
 
 
-def _table(rows: Sequence[Difference], letters: Sequence[str], others: Sequence[int]) -> Table:
+def _table(rows: Sequence[RunDifference], letters: Sequence[str], others: Sequence[int]) -> Table:
     headings = ["", letters[0], *(heading for number in others for heading in (letters[number], "difference"))]
     table = plain_table(headings, [], gap=2)
     for column in table.columns[3::2]:

@@ -26,7 +26,7 @@ from cogrip.protocol.recording.records import Gap
 from cogrip.protocol.settings.table import SettingsError
 from cogrip.results.comparison import ComparisonError
 from cogrip.results.records import RunRecords
-from cogrip.results.replay.verify import Verdict
+from cogrip.results.replay.verify import ReplayVerdict
 from cogrip.results.replay.verify import verify as verify_recording
 from cogrip.results.replay.what_if import Hands, folder_name, label
 from cogrip.results.replay.what_if import what_if as other_world
@@ -107,7 +107,7 @@ def _verify(records: RunRecords, console: Console, json: str | None) -> int:
     return 0 if exact else 1
 
 
-def _verdicts(recordings: list[Recording]) -> list[Verdict]:
+def _verdicts(recordings: list[Recording]) -> list[ReplayVerdict]:
     """Return one for each; those of a long run are found in parallel. Raises RecordingError."""
     workers = min(len(recordings), os.cpu_count() or 1)
     if workers < 2 or add_integers(each.path.stat().st_size for each in recordings) < WORTH_WORKERS_BYTES:
@@ -116,7 +116,7 @@ def _verdicts(recordings: list[Recording]) -> list[Verdict]:
         return list(pool.map(verify_recording, recordings))
 
 
-def _words(file: str, verdict: Verdict) -> list[str]:
+def _words(file: str, verdict: ReplayVerdict) -> list[str]:
     what = "steps" if verdict.who == "server" else "ticks"
     played = f"{verdict.messages} messages, {verdict.ticks} {what}, {verdict.seconds:.3f} s"
     lines = []
@@ -138,7 +138,7 @@ def _words(file: str, verdict: Verdict) -> list[str]:
     return [f"{file}: {line}" for line in lines]
 
 
-def _as_json(file: str, verdict: Verdict) -> dict[str, Any]:
+def _as_json(file: str, verdict: ReplayVerdict) -> dict[str, Any]:
     found = verdict.difference
     difference = found and {
         "time_s": (found.time_ns - verdict.start_ns) * 1e-9, "topic": found.topic, "field": found.field,

@@ -12,7 +12,7 @@ from cogrip.cli.terminal.parameters import RunsBelow
 from cogrip.cli.terminal.problem import BadInput
 from cogrip.cli.terminal.tables import say
 from cogrip.protocol.recording.reader import RecordingError
-from cogrip.results.comparison import ComparisonError, Difference, labels_of
+from cogrip.results.comparison import ComparisonError, RunDifference, labels_of
 
 COMPARISON = Path("comparison.html")
 
@@ -68,7 +68,7 @@ def _check(run: Sequence[Path], out: Path | None) -> None:
         raise BadInput(f"--out {out}: there is no folder {out.absolute().parent}; make it first, or name another")
 
 
-def _write(run: Sequence[Path], out: Path) -> tuple[Path, list[Difference], list[str]]:
+def _write(run: Sequence[Path], out: Path) -> tuple[Path, list[RunDifference], list[str]]:
     if len(run) == 1:
         from cogrip.results.report.page import write_report
 

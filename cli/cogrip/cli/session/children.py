@@ -82,7 +82,7 @@ def how_ended(child: subprocess.Popen[bytes], log: Path) -> str:
     return f"{reason or 'gave no reason'} (exit code {code})"
 
 
-def listening_port(name: str, child: subprocess.Popen[bytes], log: Path, stop: Stop) -> int:
+def listening_at(name: str, child: subprocess.Popen[bytes], log: Path, stop: Stop) -> int:
     """Return the port on which a server or relay listens, by its log. Raises Problem where it does not start."""
     until = time.monotonic() + START_LIMIT_S
     while time.monotonic() < until and child.poll() is None and not stop.reason:

@@ -18,7 +18,7 @@ import msgspec
 from cogrip.cli.runs.run_folder import live_run_folder
 from cogrip.cli.session.log_lines import NOTICE, LogLines
 from cogrip.cli.session.server_state import channel_of
-from cogrip.cli.session.worker import Job, conclude
+from cogrip.cli.session.worker import WorkerJob, conclude
 from cogrip.machine.platform import system
 from cogrip.machine.stop import Stop
 from cogrip.protocol.secure.channel import place_text
@@ -32,12 +32,12 @@ from cogrip.server.hosting.link import (
     AnyToWorker,
     Begin,
     DirectoryContact,
-    End,
-    Ended,
+    EndRooms,
     HandOver,
-    Link,
     LinkEndedError,
     Obey,
+    ProcessEnded,
+    ProcessLink,
     Ready,
     Said,
     Saved,
@@ -49,12 +49,12 @@ from cogrip.server.io.housekeeping import Housekeeping
 from cogrip.server.io.loop import LiveServer
 from cogrip.server.io.state_folder import find_folder
 from cogrip.server.io.token_file import TokenFile
-from cogrip.server.io.udp_socket import PortRange, ServeError
+from cogrip.server.io.udp_socket import ServeError, UdpRange
 
 DESERTED_S = 10.0  # time after which a process that nobody answers ends: whoever was there may be resuming
 
 
-class RoomJob(Job, frozen=True):
+class RoomJob(WorkerJob, frozen=True):
     """Job of a room's process. state: folder that all hosts share. host: to listen on.
 
     ports      range of its UDP port, None for any
@@ -63,7 +63,7 @@ class RoomJob(Job, frozen=True):
 
     host: str = "127.0.0.1"
     encrypted: bool = True
-    ports: PortRange | None = None
+    ports: UdpRange | None = None
     in_memory: bool = False
 
 
@@ -74,7 +74,7 @@ class HandedOverError(Exception):
 class RoomLines(LogLines):
     """Lines of a room: they go to the log here, and to the fronts."""
 
-    def __init__(self, job: RoomJob, link: Link) -> None:
+    def __init__(self, job: RoomJob, link: ProcessLink) -> None:
         super().__init__(job.log)
         self._room, self._link = job.rooms[0].name, link
 
@@ -96,7 +96,7 @@ def main(arguments: list[str]) -> int:
 
 def _room(end: socket.socket) -> int:
     """Serve the room that the actor names. Return the exit code."""
-    link = Link(end)
+    link = ProcessLink(end)
     try:
         first = _awaited(link)
         if not isinstance(first, Serve):
@@ -106,11 +106,11 @@ def _room(end: socket.socket) -> int:
         code = 0
     except LinkEndedError:
         code = 1
-    link.send(Ended(code))
+    link.send(ProcessEnded(code))
     return code
 
 
-def _awaited(link: Link) -> AnyToWorker:
+def _awaited(link: ProcessLink) -> AnyToWorker:
     """Return the next message. Raises LinkEndedError."""
     select.select([link.socket], [], [])
     return link.take_at_worker()[0]
@@ -119,7 +119,7 @@ def _awaited(link: Link) -> AnyToWorker:
 class RoomServer:
     """Server of one room: prepared, then begun from a checkpoint, until the actor or another process ends it."""
 
-    def __init__(self, link: Link, job: RoomJob, given: Serve) -> None:
+    def __init__(self, link: ProcessLink, job: RoomJob, given: Serve) -> None:
         self._link, self._job = link, job
         self._lines, self._stop = RoomLines(job, link), Stop()
         self._room, self._address = job.rooms[0], given.address
@@ -172,7 +172,7 @@ class RoomServer:
             match _awaited(self._link):
                 case Begin() as given:
                     return given.checkpoint
-                case End() | HandOver():
+                case EndRooms() | HandOver():
                     raise HandedOverError
                 case DirectoryContact() as given:
                     self._guard.note_directory(given.answers)
@@ -213,7 +213,7 @@ class RoomServer:
                     case HandOver():
                         self._link.send(Saved(self._housekeeping.last_checkpoint(), last=True))
                         raise HandedOverError
-                    case End() as given:
+                    case EndRooms() as given:
                         self._stop.reason = self._stop.reason or given.reason
                     case other:
                         raise AssertionError(f"no message for a room of a cluster: {other}")

@@ -13,7 +13,7 @@ from rich.live import Live
 
 from cogrip.cli.runs.run_folder import new_run_folder
 from cogrip.cli.runs.summary_table import terminal_summary
-from cogrip.cli.session.children import end_all, how_ended, listening_port, start_child, stated_reason
+from cogrip.cli.session.children import end_all, how_ended, listening_at, start_child, stated_reason
 from cogrip.cli.session.live_views import LiveTable
 from cogrip.cli.session.network_rate import RateChoices, measured, write_choice
 from cogrip.cli.session.python_worlds import PythonWorlds, allow_python_worlds
@@ -117,7 +117,7 @@ def _watch(
     failed: dict[str, str] = {}
     shown = ExitStack()
     try:
-        port = listening_port("server", server, folder / "server.log", stop)
+        port = listening_at("server", server, folder / "server.log", stop)
         open_view(shown, f"127.0.0.1:{port}", console.print, settings.name, insecure=False, wanted=view)
         for user in settings.users:
             log = folder / client_log(user.name)

@@ -14,7 +14,7 @@ from cyclopts import Parameter
 from cogrip.cli.session.children import reason_in
 from cogrip.cli.session.front_ends import FoxgloveOrigins, front_ends
 from cogrip.cli.session.gateway_certificate import tls_of
-from cogrip.cli.session.join_target import Target, target_of, typed
+from cogrip.cli.session.join_target import JoinTarget, target_of, typed
 from cogrip.cli.session.served_rooms import is_loopback
 from cogrip.cli.session.server_state import WILDCARDS, own_address, place_of
 from cogrip.cli.terminal.output import make_console
@@ -28,7 +28,7 @@ from cogrip.view.io.feed import LiveFeed
 from cogrip.view.io.gateway import Gateway
 from cogrip.view.io.hand_process import HandProcess
 from cogrip.view.io.platform import STARTS_HANDS
-from cogrip.view.io.process import PortError
+from cogrip.view.io.process import ListeningError
 
 USUAL_PORTS = {"http": 80, "https": 443}  # ports that browsers leave out of an address
 
@@ -138,7 +138,7 @@ def gateway(
 
     with (
         on_signals(stop),
-        Problem.of(JoinError, PortError),
+        Problem.of(JoinError, ListeningError),
         tempfile.TemporaryDirectory(prefix="cogrip-gateway-") as folder,
         closing(target.paths(insecure=False)),
     ):
@@ -161,7 +161,7 @@ def gateway(
     return 1 if ended else 0
 
 
-def _feed(target: Target, token: str, say: Callable[[str], None]) -> LiveFeed:
+def _feed(target: JoinTarget, token: str, say: Callable[[str], None]) -> LiveFeed:
     asked = replace(target, token=token or target.token)
     return LiveFeed(ClientSession(asked.observer()), asked.paths(insecure=False), say)
 

@@ -3,7 +3,7 @@
 import ssl
 from pathlib import Path
 
-from cogrip.cli.session.join_target import Target
+from cogrip.cli.session.join_target import JoinTarget
 from cogrip.cli.terminal.problem import BadInput
 from cogrip.server.io.state_folder import NoStateError, StateError, StateFolder, find_folder, make_folder, state_path
 
@@ -11,7 +11,7 @@ OWN = "gateway"  # name of a folder beside those of servers
 
 
 def tls_of(
-    state: Path | None, certificate: Path | None, key: Path | None, target: Target, loopback: bool
+    state: Path | None, certificate: Path | None, key: Path | None, target: JoinTarget, loopback: bool
 ) -> tuple[ssl.SSLContext | None, str]:
     """Return the TLS context and the fingerprint to compare; None where pages on loopback go without. Raises BadInput.
 
@@ -32,7 +32,7 @@ def tls_of(
     )
 
 
-def _server_folder(state: Path | None, target: Target) -> tuple[StateFolder, str] | None:
+def _server_folder(state: Path | None, target: JoinTarget) -> tuple[StateFolder, str] | None:
     """Return the server's state folder, None where it is not here: then `state` was not given."""
     path = state_path(state, target.port)
     assert path is not None, "links have ports"

@@ -36,10 +36,10 @@ from cogrip.cli.terminal.parameters import Quiet, Record, Report, Runs
 from cogrip.cli.terminal.problem import BadInput, Problem, above_zero
 from cogrip.cli.terminal.screen import LiveScreen, may_draw
 from cogrip.client.io.paths import JoinError, RefusedError
-from cogrip.client.loop import Ended, LiveClient
+from cogrip.client.loop import LiveClient, SessionEnded
 from cogrip.client.seat.rendered_damper import OverloadError
 from cogrip.devices.device import DeviceError
-from cogrip.devices.simulated.device import SimulatedDevice
+from cogrip.devices.simulated.simulated_device import SimulatedDevice
 from cogrip.devices.web.family import public
 from cogrip.machine.stop import Stop, on_signals
 from cogrip.protocol.settings.digest import digest
@@ -292,7 +292,7 @@ class _Files:
 
 
 def _finish(
-    ended: Ended, folder: Path | None, warnings: list[str], console: Console, *, alone: bool, report: bool
+    ended: SessionEnded, folder: Path | None, warnings: list[str], console: Console, *, alone: bool, report: bool
 ) -> int:
     """Leave account, summary and report, print how the session ended, and return the exit code.
 

@@ -25,7 +25,7 @@ from cogrip.protocol.wire.session import make_hello
 
 
 @dataclass(frozen=True, slots=True)
-class Target:
+class JoinTarget:
     """Server, room, seat and settings to ask for. fingerprint: of the server's certificate, "" for unencrypted sessions."""
 
     host: str
@@ -93,7 +93,7 @@ def typed(server: str, more: tuple[str, ...]) -> str:
     return text
 
 
-def target_of(server: str, room: str, insecure: bool, name: str, digest: str) -> Target:
+def target_of(server: str, room: str, insecure: bool, name: str, digest: str) -> JoinTarget:
     """Return the target of a link or HOST:PORT. Raises BadInput, which shows nothing that may be secret."""
     link_meant = is_link(server)
     if not link_meant and is_secret(server):
@@ -105,11 +105,11 @@ def target_of(server: str, room: str, insecure: bool, name: str, digest: str) ->
                 raise BadInput("--insecure is for HOST:PORT; with a link everything is encrypted: leave it out")
             if room and link.room and room != link.room:
                 raise BadInput(f"room {room!r} is asked for, and the link is for {link.room!r}: leave one of them out")
-            return Target(link.host, link.port, room or link.room, link.fingerprint, link.token, name, digest)
+            return JoinTarget(link.host, link.port, room or link.room, link.fingerprint, link.token, name, digest)
         host, port = split_place(server)
     except LinkError as error:
         if link_meant:
             raise BadInput(str(error)) from None
         cure = f"write HOST:PORT, such as 127.0.0.1:{DEFAULT_PORT}, or the server's join link"
         raise BadInput(f"server {error}; {cure}") from None
-    return Target(host, DEFAULT_PORT if port is None else port, room, name=name, digest=digest)
+    return JoinTarget(host, DEFAULT_PORT if port is None else port, room, name=name, digest=digest)

@@ -11,7 +11,7 @@ from cogrip.devices.arm.driver import ArmDevice
 from cogrip.devices.device import Capability, Device, DeviceError
 from cogrip.devices.for_user import HANDLESS, address_of, make_for
 from cogrip.devices.registry import axes_of, make, record_of
-from cogrip.devices.replayed.device import ReplayedDevice
+from cogrip.devices.replayed.replayed_device import ReplayedDevice
 from cogrip.machine.addition import add_floats
 from cogrip.protocol.settings.delays import line_delay
 from cogrip.protocol.settings.object_kinds import kind_of

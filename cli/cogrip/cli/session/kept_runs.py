@@ -50,7 +50,7 @@ class Keeping:
         within("--free-gb", self.free_gb, 0.0, MOST_GB)
 
     def begin(self, rooms: Sequence[Settings], say: Say, stack: ExitStack) -> Path | None:
-        """Return this server's folder, marked; None where none can be made. Remove others now and then, until `stack` is left."""
+        """Return this server's folder, marked, None where none can be made; old ones are removed until `stack` is left."""
         run_folder = self.into or live_run_folder(self.runs, rooms[0].name if len(rooms) == 1 else "rooms", say)
         self._wanting = run_folder is None
         if run_folder is not None:

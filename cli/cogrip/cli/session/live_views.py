@@ -20,10 +20,10 @@ from rich.text import Text
 from cogrip.cli.terminal.screen import draw_below
 from cogrip.cli.terminal.tables import Fitted, clock, plain_table, shortened
 from cogrip.machine.addition import add_integers
-from cogrip.protocol.recording.reader import Follower, Message, RecordingError
+from cogrip.protocol.recording.reader import Follower, RecordedMessage, RecordingError
 from cogrip.protocol.recording.records import Record, Row, SeatStep, Step, Tick
 from cogrip.results.folder import SERVER_RECORDING, client_recording
-from cogrip.server.io.control import ControlError, Who, ask
+from cogrip.server.io.control import ControlError, WhoOrder, ask
 from cogrip.server.io.state_folder import StateFolder
 from cogrip.server.recorder import step_topic
 from cogrip.server.roster import RosterEntry
@@ -45,7 +45,7 @@ class FollowedRun:
     def __init__(self, folder: Path) -> None:
         self._folder = folder
         self._followers: dict[str, Follower] = {}
-        self._steps: list[Message] = []
+        self._steps: list[RecordedMessage] = []
         self._topic = ""  # of the steps that `steps` returns
 
     def tick(self, name: str) -> Tick | None:
@@ -63,7 +63,7 @@ class FollowedRun:
         steps, self._steps = self._steps, []
         return [msgspec.json.decode(each.payload, type=Step) for each in steps]
 
-    def _keep(self, topic: str, message: Message) -> None:
+    def _keep(self, topic: str, message: RecordedMessage) -> None:
         if topic == self._topic:
             self._steps.append(message)
 
@@ -223,7 +223,7 @@ class ServeTable:
         if self._state is not None and now_s >= self._asked_s + ASK_EVERY_S:
             self._asked_s = now_s
             try:
-                self.roster = ask(self._state, Who(), ASK_LIMIT_S).people
+                self.roster = ask(self._state, WhoOrder(), ASK_LIMIT_S).people
             except ControlError:
                 return
 

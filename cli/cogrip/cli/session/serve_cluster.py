@@ -28,7 +28,7 @@ from cogrip.server.io.control import Control
 from cogrip.server.io.loop import FLOOR_BYTES
 from cogrip.server.io.metrics_feed import MetricsFeed
 from cogrip.server.io.state_folder import StateError
-from cogrip.server.io.udp_socket import PortRange
+from cogrip.server.io.udp_socket import UdpRange
 
 COMMAND = ("cogrip.cli.session.cluster_room",)
 PORTS = re.compile(r"(\d{1,5})-(\d{1,5})\Z")
@@ -48,7 +48,7 @@ class ClusterFlags(NamedTuple):
 
     head: str
     public: str | None
-    ports: PortRange | None
+    ports: UdpRange | None
     in_memory: bool
     runs: Path
 
@@ -60,12 +60,12 @@ def head_of(cluster: str) -> str:
     return found["head"] or ""
 
 
-def ports_of(given: str | None) -> PortRange | None:
+def ports_of(given: str | None) -> UdpRange | None:
     """Return the ports of `--room-ports`, None where it is not given. Raises BadInput."""
     if given is None:
         return None
     found = PORTS.match(given)
-    ports = PortRange(int(found[1]), int(found[2])) if found else PortRange(0, 0)
+    ports = UdpRange(int(found[1]), int(found[2])) if found else UdpRange(0, 0)
     if not 1 <= ports.first <= ports.last <= MOST_PORT:
         raise BadInput(
             f"--room-ports {given!r}: write FIRST-LAST, two UDP ports from 1 to {MOST_PORT}, such as 48000-48100"

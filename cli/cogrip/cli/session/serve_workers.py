@@ -13,7 +13,7 @@ from cogrip.cli.session.front_socket import front_socket, say_drops
 from cogrip.cli.session.kept_runs import Keeping
 from cogrip.cli.session.log_lines import LogLines
 from cogrip.cli.session.server_state import front_channel_of
-from cogrip.cli.session.worker import Job
+from cogrip.cli.session.worker import WorkerJob
 from cogrip.cli.terminal.problem import Problem
 from cogrip.machine.platform import system
 from cogrip.machine.server_platform import memory_file
@@ -71,7 +71,7 @@ class WorkerServer:
         """Start the workers, and wait until they serve. Raises Problem."""
         served, say, keeping = self._served, self._lines.say, self._keeping
         run_folder = keeping.begin(served.rooms, say, self._stack)
-        for_workers = Job(
+        for_workers = WorkerJob(
             tuple(served.rooms), str(served.folder.path) if served.folder else "", str(run_folder or ""), served.record,
             served.report, self._lines.form, feed is not None, dict(served.rates), keeping.floor_bytes, self._hand_over_s,
         )  # fmt: skip

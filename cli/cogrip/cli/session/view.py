@@ -19,7 +19,7 @@ from cogrip.machine.stop import Stop, on_signals
 from cogrip.protocol.wire.session import ClientSession
 from cogrip.view.io.feed import Feed, LiveFeed, RecordedFeed
 from cogrip.view.io.hand_link import HandLink
-from cogrip.view.io.process import PortError, ViewProcess
+from cogrip.view.io.process import ListeningError, ViewProcess
 from cogrip.view.page import self_contained
 from cogrip.view.recording import RecordedView, ViewError, open_view
 from cogrip.view.scene import to_json
@@ -103,7 +103,7 @@ def _serve(
     process = ViewProcess(
         feed, stop, console.print, port, browser, bool(offered), front_ends=offered, hand=hand, seconds=seconds
     )
-    with on_signals(stop), Problem.of(PortError):
+    with on_signals(stop), Problem.of(ListeningError):
         ended = process.run()
     if counts := {name: count for name, count in sorted(process.counts.items()) if count}:
         console.print("view: " + ", ".join(f"{name} {count}" for name, count in counts.items()))

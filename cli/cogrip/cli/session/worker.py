@@ -19,7 +19,7 @@ from cogrip.protocol.settings.network_rate import RateChoice
 from cogrip.protocol.settings.sections import Settings
 from cogrip.protocol.version import VERSION
 from cogrip.results.folder import SERVER_RECORDING, write_settings
-from cogrip.server.hosting.link import Assign, Link, LinkEndedError, Ready
+from cogrip.server.hosting.link import Assign, LinkEndedError, ProcessLink, Ready
 from cogrip.server.hosting.orders import LinkMeasures, LinkOrders
 from cogrip.server.hosting.workers.channel import WorkerChannel
 from cogrip.server.hosting.workers.paths import WorkerSockets
@@ -31,7 +31,7 @@ from cogrip.server.rate_limit import RateLimiter, limits_for
 from cogrip.server.room import Room
 
 
-class Job(msgspec.Struct, frozen=True):
+class WorkerJob(msgspec.Struct, frozen=True):
     """Settings that all workers of a server get. rooms: all of them; state, runs: folders, "" for none."""
 
     rooms: tuple[Settings, ...]
@@ -49,9 +49,9 @@ class Job(msgspec.Struct, frozen=True):
 def main(arguments: list[str]) -> int:
     """Serve the rooms that the front assigns. Return the exit code."""
     link_end, job_file, number = map(int, arguments)
-    job = msgspec.json.decode(content_of(job_file), type=Job)
+    job = msgspec.json.decode(content_of(job_file), type=WorkerJob)
     os.close(job_file)
-    link = Link(socket.socket(fileno=link_end))
+    link = ProcessLink(socket.socket(fileno=link_end))
     for kind in {room.object.kind: room for room in job.rooms}.values():
         Room(kind)  # all that is imported for such rooms is there before they are assigned
     try:
@@ -60,7 +60,7 @@ def main(arguments: list[str]) -> int:
         return 1
 
 
-def _serve(link: Link, job: Job, number: int) -> int:
+def _serve(link: ProcessLink, job: WorkerJob, number: int) -> int:
     """Serve until the front says so. Raises LinkEndedError: then people resume at the next server, by the checkpoints."""
     select.select([link.socket], [], [])
     first, descriptors = link.take_at_worker()
@@ -71,13 +71,13 @@ def _serve(link: Link, job: Job, number: int) -> int:
     lines, stop = LogLines(job.log), Stop()
     verdicts, orders = FrontVerdicts(link), LinkOrders(link)
     verdicts.void(first.revoked, first.expired)
-    port = WorkerSockets(link, stop, verdicts, orders, shared, first.own)
+    sockets = WorkerSockets(link, stop, verdicts, orders, shared, first.own)
     rate_limiter = RateLimiter(secrets.token_bytes(16), limits_for(max(room.rates.network_hz for room in rooms)))
     server = LiveServer(
-        rooms, "", 0, stop, lines.say, lambda core: WorkerChannel(link, port, rate_limiter, core.knows),
+        rooms, "", 0, stop, lines.say, lambda core: WorkerChannel(link, sockets, rate_limiter, core.knows),
         authenticator=verdicts, floor_bytes=job.floor_bytes, hand_over_s=job.hand_over_s,
     )  # fmt: skip
-    server.serve_at(port)
+    server.serve_at(sockets)
     runs = Path(job.runs) if job.runs else None
     if runs is not None:
         server.record_at = runs / f"worker-{number}" / SERVER_RECORDING if job.record else None
@@ -94,7 +94,7 @@ def _serve(link: Link, job: Job, number: int) -> int:
     return conclude(server, job, {**server.drops(), **server.losses(), **housekeeping.counts()}, lines)
 
 
-def conclude(server: LiveServer, job: Job, losses: dict[str, int], lines: LogLines) -> int:
+def conclude(server: LiveServer, job: WorkerJob, losses: dict[str, int], lines: LogLines) -> int:
     """Leave a summary for each room that somebody was in. Return the exit code."""
     from cogrip.cli.runs.run_folder import leave_files  # people who lost their server wait for a worker's start
     from cogrip.cli.session.network_rate import write_choice

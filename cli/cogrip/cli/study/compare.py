@@ -27,7 +27,7 @@ from cogrip.experiments.methods.method import (
     methods_of,
     session_settings,
 )
-from cogrip.experiments.methods.query import Comparison, prepare
+from cogrip.experiments.methods.query import ComparisonQuery, prepare
 from cogrip.experiments.methods.table import cells, columns_of, notes, tone
 from cogrip.experiments.runner import run_experiment
 from cogrip.experiments.worker_pool import LocalWorkers
@@ -105,7 +105,7 @@ def compare(
 
 def _prepare(
     config: Path, overrides: tuple[str, ...], hands: tuple[str, ...], methods: str | None, profiles: str, seeds: int
-) -> Comparison:
+) -> ComparisonQuery:
     with BadInput.of(ChoiceError, where="compare: "):
         chosen = choose("method", _names(methods), tuple(METHODS)) if methods is not None else ()
         networks = choose("profile", _names(profiles), (*NETWORKS, CLEAN, OWN))
@@ -115,7 +115,7 @@ def _prepare(
         return prepare(settings, chosen or methods_of(settings), networks, seeds)
 
 
-def _sessions(asked: Comparison) -> dict[str, Settings]:
+def _sessions(asked: ComparisonQuery) -> dict[str, Settings]:
     """Return one session of every method on every network."""
     return {
         f"{method} on {network}": session_settings(asked.base, method, network, asked.seeds[0])
@@ -154,7 +154,7 @@ class _Progress:
             self._console.print(f"{finished} of {self._total} sessions")
 
 
-def _write(asked: Comparison, folder: ExperimentFolder, json: str | None, console: Console) -> bool:
+def _write(asked: ComparisonQuery, folder: ExperimentFolder, json: str | None, console: Console) -> bool:
     """Write files, table, answer. Return whether a session could not be run, or ours was not passive."""
     with console.status("writing the report"):
         from cogrip.experiments.methods.report import REPORT, write_outcome

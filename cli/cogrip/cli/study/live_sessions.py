@@ -11,7 +11,7 @@ from pathlib import Path
 
 from rich.console import Console
 
-from cogrip.cli.session.children import END_LIMIT_S, end_all, how_ended, listening_port, start_child
+from cogrip.cli.session.children import END_LIMIT_S, end_all, how_ended, listening_at, start_child
 from cogrip.cli.session.join_target import target_of
 from cogrip.cli.session.live_views import FollowedRun
 from cogrip.cli.session.view_child import linked_device
@@ -19,16 +19,16 @@ from cogrip.cli.study.pages import Pages
 from cogrip.cli.study.terminal_people import ORDERS, Keys
 from cogrip.cli.terminal.problem import Problem
 from cogrip.client.io.paths import JoinError
-from cogrip.experiments.study.conductor import Ended, Quit
+from cogrip.experiments.study.conductor import Quit, TrialEnded
 from cogrip.experiments.study.study_file import Study
-from cogrip.experiments.study.trial import Event, TrialState, begun_by, ended_by
+from cogrip.experiments.study.trial import TrialEvent, TrialState, begun_by, ended_by
 from cogrip.machine.stop import Stop
 from cogrip.protocol.recording.records import Step
 from cogrip.protocol.settings.sections import Settings, User
 from cogrip.protocol.wire.session import ClientSession
 from cogrip.results.folder import SETTINGS, client_log, write_settings
 from cogrip.results.measures.goal import Goal, GoalWatch
-from cogrip.server.io.control import Mark, ask
+from cogrip.server.io.control import MarkOrder, ask
 from cogrip.server.io.state_folder import StateError, find_folder
 from cogrip.view.io.feed import LiveFeed
 from cogrip.view.panel import Prompt
@@ -36,7 +36,7 @@ from cogrip.view.panel import Prompt
 Children = dict[str, subprocess.Popen[bytes]]
 
 LOG = "server.log"
-ENDS = {**ORDERS, "e": Event.ENDED}  # orders that end a session
+ENDS = {**ORDERS, "e": TrialEvent.ENDED}  # orders that end a session
 BUTTON = "or press a button of your device"
 CHILDREN = "children.json"  # file that names the processes of the session that is going on
 _LOOK_EVERY_S = 0.05
@@ -57,7 +57,7 @@ class LiveSessions:
         self._children = folder / CHILDREN
         end_left_over(self._children)
 
-    def run(self, settings: Settings, folder: Path, goal: Goal, title: str) -> Ended:
+    def run(self, settings: Settings, folder: Path, goal: Goal, title: str) -> TrialEnded:
         """Run one. Raises Quit where the operator quits; what was recorded stays."""
         write_settings(folder, settings)
         into = ["--into", str(folder)]
@@ -66,9 +66,9 @@ class LiveSessions:
         self._start(
             children, "server", folder, ["serve", str(folder / SETTINGS), *where, "--fresh", *self._serving, *into]
         )
-        ended = Ended(Event.FAILED, "")
+        ended = TrialEnded(TrialEvent.FAILED, "")
         try:
-            port = listening_port("server", children["server"], folder / LOG, self._stop)
+            port = listening_at("server", children["server"], folder / LOG, self._stop)
             link = self._link(folder, port)
             self._show(link)
             for user in settings.users:
@@ -77,12 +77,12 @@ class LiveSessions:
                 else:
                     self._console.print(f"waiting for {user.name}: cogrip join '{link}' --name '{user.name}'")
             ended = self._watch(settings, folder, goal, children)
-            if ended.event is not Event.FAILED:
+            if ended.event is not TrialEvent.FAILED:
                 self._mark(ended_by(folder.name, ended.how))
         except Problem as problem:
             if self._stop.reason:
                 raise Quit from None
-            ended = Ended(Event.FAILED, str(problem))
+            ended = TrialEnded(TrialEvent.FAILED, str(problem))
         finally:
             if self._pages.page is not None:
                 self._pages.page.rest()
@@ -95,7 +95,7 @@ class LiveSessions:
             end_all(clients, [])
             end_all(children, ["server"])
             self._children.unlink(missing_ok=True)
-        if ended.event is Event.FAILED:
+        if ended.event is TrialEvent.FAILED:
             self._console.print(f"the session failed: {ended.how}")
         return ended
 
@@ -127,7 +127,7 @@ class LiveSessions:
     def _mark(self, text: str) -> None:
         """Set a marker in the session, in every recording of it and for whoever observes it."""
         try:
-            ask(find_folder(self._state), Mark(text))
+            ask(find_folder(self._state), MarkOrder(text))
         except StateError as error:
             self._console.print(f"no marker {text!r}: {error}")
 
@@ -145,7 +145,7 @@ class LiveSessions:
                 return line.partition("cogrip join '")[2].rstrip("'")
         return f"{self._host}:{port}"
 
-    def _watch(self, settings: Settings, folder: Path, goal: Goal, children: Children) -> Ended:
+    def _watch(self, settings: Settings, folder: Path, goal: Goal, children: Children) -> TrialEnded:
         """Wait for the end of the session, or for an order of the operator."""
         run, watch, people = FollowedRun(folder), GoalWatch(goal), [user.name for user in settings.users]
         start = TrialState(1, people)
@@ -157,11 +157,11 @@ class LiveSessions:
             if line == "q":
                 raise Quit
             if line in ENDS:
-                return Ended(ENDS[line], "operator")
+                return TrialEnded(ENDS[line], "operator")
             for name, child in children.items():
                 if child.poll() is not None:
-                    return Ended(
-                        Event.FAILED, f"{name}: {how_ended(child, _log(folder, name))}; see {_log(folder, name)}"
+                    return TrialEnded(
+                        TrialEvent.FAILED, f"{name}: {how_ended(child, _log(folder, name))}; see {_log(folder, name)}"
                     )
             fresh = run.steps(settings.name)
             if start.state == "waiting":
@@ -174,9 +174,9 @@ class LiveSessions:
                 began_s = now_s
                 self._begin(folder.name, goal, steps[0], people, children)
             if self._end == "goal" and any(self._reached(watch, goal, step, settings) for step in steps):
-                return Ended(Event.ENDED, "goal")
+                return TrialEnded(TrialEvent.ENDED, "goal")
             if now_s - began_s >= settings.seconds and self._end != "operator":
-                return Ended(Event.ENDED, "time")
+                return TrialEnded(TrialEvent.ENDED, "time")
 
     def _ask_ready(self, people: Sequence[str]) -> None:
         """Ask everybody to say that they are ready, where that is done with the device in the hand."""
@@ -189,7 +189,7 @@ class LiveSessions:
     def _take_ready(self, start: TrialState, people: Sequence[str], steps: Sequence[Step], line: str | None) -> None:
         """Take who is ready: by a button of the device, on the page, by Enter for the next one; else all of them."""
         if self._start_by != "button":
-            start.handle(Event.READY)
+            start.handle(TrialEvent.READY)
             return
         said = {seat.user for step in steps for seat in step.seats if any(edge > 0 for edge in seat.edges)}
         said |= {person for person in people if self._pages.take(person) is not None}

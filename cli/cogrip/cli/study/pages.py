@@ -12,9 +12,9 @@ from rich.console import Console
 from cogrip.cli.terminal.problem import Problem
 from cogrip.experiments.study.questions import MOST_TEXT, TLX_MOST, TLX_STEP, Item
 from cogrip.experiments.study.study_file import Study
-from cogrip.view.io.process import PortError, open_browser
+from cogrip.view.io.process import ListeningError, open_browser
 from cogrip.view.io.study_page import StudyPage, new_token
-from cogrip.view.panel import PanelMessage, PanelState, Prompt, Target
+from cogrip.view.panel import GoalPlace, PanelMessage, PanelState, Prompt
 
 FILE = "pages.json"  # file of port and tokens, beside the key of the server: tabs find the page again after a crash
 
@@ -52,7 +52,7 @@ class Pages:
         """Show these people where the object is to be."""
         for person in people if self.page is not None else ():
             assert self.page is not None
-            self.page.panel(person).change(Target(tuple(place_m), within_m))
+            self.page.panel(person).change(GoalPlace(tuple(place_m), within_m))
 
     def take(self, person: str) -> str | None:
         """Return a person's reply to the prompt, None while there is none."""
@@ -88,7 +88,7 @@ def open_page(
     tokens = {name: kept.tokens.get(name) or new_token() for group in everybody for name in group}
     page = StudyPage(study.name, tokens, hands, kept.port)
     stack.callback(_report, page, console)
-    with Problem.of(PortError):
+    with Problem.of(ListeningError):
         stack.enter_context(page)
     _keep(state, page)
     for name in [name for group in groups for name in everybody[group]]:

@@ -17,7 +17,7 @@ from cogrip.cli.terminal.problem import BadInput, Problem, at_least_one
 from cogrip.experiments.experiment import Workers
 from cogrip.experiments.folder import ExperimentFolder, FolderError
 from cogrip.experiments.ray_cluster import ClusterError, RayWorkers
-from cogrip.experiments.runner import Outcome, run_experiment
+from cogrip.experiments.runner import CasesRun, run_experiment
 from cogrip.experiments.sweep.grid import GridError, parse_axis
 from cogrip.experiments.sweep.measures import MeasureError, defaults, needs_session
 from cogrip.experiments.sweep.picture import draw_measure
@@ -121,7 +121,9 @@ def _draw(asked: Sweep, folder: ExperimentFolder, console: Console) -> list[Path
     return paths
 
 
-def _report(report: Outcome, folder: Path, pictures: list[Path], stop: Stop, json: str | None, console: Console) -> int:
+def _report(
+    report: CasesRun, folder: Path, pictures: list[Path], stop: Stop, json: str | None, console: Console
+) -> int:
     failed = add_integers(report.failed.values())
     if json:
         answer = {

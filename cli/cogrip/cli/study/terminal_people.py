@@ -13,11 +13,11 @@ from cogrip.cli.study.pages import Pages, prompt_of
 from cogrip.experiments.study.conductor import Quit
 from cogrip.experiments.study.plan import Trial
 from cogrip.experiments.study.questions import Answer, AnswerError, Item
-from cogrip.experiments.study.trial import Event, TrialState
+from cogrip.experiments.study.trial import TrialEvent, TrialState
 from cogrip.machine.stop import Stop
 from cogrip.view.panel import Prompt
 
-ORDERS = {"p": Event.PAUSE, "r": Event.REPEAT, "a": Event.ABANDON}
+ORDERS = {"p": TrialEvent.PAUSE, "r": TrialEvent.REPEAT, "a": TrialEvent.ABANDON}
 _POLL_S = 0.05
 
 
@@ -84,7 +84,7 @@ class TerminalPeople:
                 self._order(line)
                 return
 
-    def wait(self, trial: Trial, state: TrialState, people: Sequence[str]) -> Event:
+    def wait(self, trial: Trial, state: TrialState, people: Sequence[str]) -> TrialEvent:
         """Wait for Enter from each person, or for an order."""
         part = f", part {state.session + 1} of {len(trial.presentations)}" if len(trial.presentations) > 1 else ""
         kind = "practice trial" if trial.block.practice else "trial"
@@ -95,8 +95,8 @@ class TerminalPeople:
             self._console.print("paused: Enter goes on; a leaves this trial out, q quits")
             for person in people:
                 self._pages.show(person, "paused")
-            return Event.ABANDON if self._order(self._keys.line()) is Event.ABANDON else Event.RESUME
-        return Event.READY if self._buttons else self._everybody(people, Prompt(kind="go", text="I am ready"))
+            return TrialEvent.ABANDON if self._order(self._keys.line()) is TrialEvent.ABANDON else TrialEvent.RESUME
+        return TrialEvent.READY if self._buttons else self._everybody(people, Prompt(kind="go", text="I am ready"))
 
     def thank(self, people: Sequence[str]) -> None:
         """Say on the pages of these people that the study is over for them."""
@@ -105,7 +105,7 @@ class TerminalPeople:
         for person in people:
             self._pages.show(person, "over")
 
-    def _everybody(self, people: Sequence[str], prompt: Prompt, *, at_once: bool = False) -> Event:
+    def _everybody(self, people: Sequence[str], prompt: Prompt, *, at_once: bool = False) -> TrialEvent:
         """Wait until everybody has gone on, or for an order. at_once: Enter goes on for all of them."""
         missing = list(people)
         for person in people:
@@ -118,7 +118,7 @@ class TerminalPeople:
             line = self._keys.poll(_POLL_S)
             if line is not None:
                 order = self._order(line)
-                if order in (Event.PAUSE, Event.ABANDON) and not at_once:
+                if order in (TrialEvent.PAUSE, TrialEvent.ABANDON) and not at_once:
                     return order
             gone = people if line is not None and at_once else missing[:1] if line is not None else []
             replied = [person for person in missing if self._pages.take(person) is not None]
@@ -127,9 +127,9 @@ class TerminalPeople:
             for person in {*gone, *replied}:
                 missing.remove(person)
                 self._pages.show(person, "waiting")
-        return Event.READY
+        return TrialEvent.READY
 
-    def _order(self, line: str) -> Event | None:
+    def _order(self, line: str) -> TrialEvent | None:
         if line == "q":
             raise Quit
         return ORDERS.get(line)

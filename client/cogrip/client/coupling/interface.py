@@ -17,7 +17,7 @@ from cogrip.protocol.line.energy_sums import CompensatedSum
 from cogrip.protocol.line.latest_state import StateReceiver
 from cogrip.protocol.settings.seat import SeatSettings
 from cogrip.protocol.wire.accounts import LineAccount, LinkCount, PlayoutAccount
-from cogrip.protocol.wire.clock import Clock
+from cogrip.protocol.wire.clock import MessageClock
 from cogrip.protocol.wire.handle import Handle
 from cogrip.protocol.wire.messages import Geom, Latest
 
@@ -219,7 +219,7 @@ class Coupling:
         raise NotImplementedError
 
     def message(
-        self, session: int, clock: Clock, now_ns: int, origin_m: Row, position_m: Row, velocity_mps: Sequence[float],
+        self, session: int, clock: MessageClock, now_ns: int, origin_m: Row, position_m: Row, velocity_mps: Sequence[float],
         handle: Handle | None = None,
     ) -> bytes:  # fmt: skip
         """Return what is sent of the frame that ended, encoded. handle: what the device told beside its axes."""

@@ -32,7 +32,7 @@ from cogrip.machine.addition import add_floats
 from cogrip.protocol.axes import PLACES
 from cogrip.protocol.line.energy_sums import CompensatedSum
 from cogrip.protocol.settings.seat import SeatSettings
-from cogrip.protocol.wire.clock import Clock
+from cogrip.protocol.wire.clock import MessageClock
 from cogrip.protocol.wire.handle import Handle
 
 MOST_SAVED_J = 1e-3  # largest E
@@ -175,7 +175,7 @@ class LocalCoupling(WaveCoupling):
         return self._damping
 
     def message(
-        self, session: int, clock: Clock, now_ns: int, origin_m: Row, position_m: Row, velocity_mps: Sequence[float],
+        self, session: int, clock: MessageClock, now_ns: int, origin_m: Row, position_m: Row, velocity_mps: Sequence[float],
         handle: Handle | None = None,
     ) -> bytes:  # fmt: skip
         place = position_m + self.proxy_m

@@ -26,7 +26,7 @@ from cogrip.protocol.laws.passivity_control import CHARGE_UP_J, LENT_J
 from cogrip.protocol.line.energy_reserve import EnergyReserve
 from cogrip.protocol.line.energy_sums import CompensatedSum, rounding_fraction
 from cogrip.protocol.settings.seat import SeatSettings
-from cogrip.protocol.wire.clock import Clock
+from cogrip.protocol.wire.clock import MessageClock
 from cogrip.protocol.wire.handle import Handle
 from cogrip.protocol.wire.messages import Power, encode
 
@@ -202,7 +202,7 @@ class PassivityControl(LatestStateCoupling[Power]):
         return wish
 
     def message(
-        self, session: int, clock: Clock, now_ns: int, origin_m: Row, position_m: Row, velocity_mps: Sequence[float],
+        self, session: int, clock: MessageClock, now_ns: int, origin_m: Row, position_m: Row, velocity_mps: Sequence[float],
         handle: Handle | None = None,
     ) -> bytes:  # fmt: skip
         """Return the message of the frame that ended.

@@ -12,7 +12,7 @@ from cogrip.machine.addition import add_floats
 from cogrip.protocol.line.energy_reserve import EnergyReserve
 from cogrip.protocol.line.energy_sums import CompensatedSum
 from cogrip.protocol.settings.seat import SeatSettings
-from cogrip.protocol.wire.clock import Clock
+from cogrip.protocol.wire.clock import MessageClock
 from cogrip.protocol.wire.handle import Handle
 from cogrip.protocol.wire.messages import State, encode
 
@@ -108,7 +108,7 @@ class VirtualCoupling(LatestStateCoupling[State]):
         return force
 
     def message(
-        self, session: int, clock: Clock, now_ns: int, origin_m: Row, position_m: Row, velocity_mps: Sequence[float],
+        self, session: int, clock: MessageClock, now_ns: int, origin_m: Row, position_m: Row, velocity_mps: Sequence[float],
         handle: Handle | None = None,
     ) -> bytes:  # fmt: skip
         acknowledged = self._receiver.acknowledged

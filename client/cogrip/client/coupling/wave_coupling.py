@@ -36,7 +36,7 @@ from cogrip.protocol.line.waves_encoding import encode_waves
 from cogrip.protocol.settings.line_tuning import Tuning, bounded, corner_hz
 from cogrip.protocol.settings.seat import SeatSettings
 from cogrip.protocol.wire.accounts import LineAccount, LinkCount, PlayoutAccount
-from cogrip.protocol.wire.clock import Clock
+from cogrip.protocol.wire.clock import MessageClock
 from cogrip.protocol.wire.handle import Handle
 from cogrip.protocol.wire.messages import Waves
 
@@ -260,7 +260,7 @@ class WaveCoupling(Coupling):
         return self.energy.made_now_j
 
     def message(
-        self, session: int, clock: Clock, now_ns: int, origin_m: Row, position_m: Row, velocity_mps: Sequence[float],
+        self, session: int, clock: MessageClock, now_ns: int, origin_m: Row, position_m: Row, velocity_mps: Sequence[float],
         handle: Handle | None = None,
     ) -> bytes:  # fmt: skip
         tuned = self._tuner is not None

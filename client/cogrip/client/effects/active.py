@@ -26,7 +26,7 @@ class Vibration(ActiveLaw):
         return [value * part for part in self._direction]
 
 
-class Texture(ActiveLaw):
+class Grating(ActiveLaw):
     """Grating: F = A sin(2 pi s / period), s the place along its direction. Its stiffness is 2 pi A / period."""
 
     def __init__(self, effect: Effect, places: int) -> None:

@@ -1,6 +1,6 @@
 """Viscous field: F = B v in a box."""
 
-from cogrip.client.effects.laws import NOTHING, Box, Felt, PassiveLaw, Row
+from cogrip.client.effects.laws import NOTHING, Box, PassiveForce, PassiveLaw, Row
 from cogrip.protocol.settings.effects import Effect
 
 
@@ -11,8 +11,8 @@ class ViscousField(PassiveLaw):
         self._box, self._places = Box(effect, places), places
         self.damping_nspm = effect.damping_nspm
 
-    def felt(self, position_m: Row, velocity_mps: Row) -> Felt:
+    def felt(self, position_m: Row, velocity_mps: Row) -> PassiveForce:
         if not self._box.inside(position_m):
             return NOTHING
         damping = self.damping_nspm
-        return Felt((), 0.0, [damping * speed for speed in velocity_mps[: self._places]])
+        return PassiveForce((), 0.0, [damping * speed for speed in velocity_mps[: self._places]])

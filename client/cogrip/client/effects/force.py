@@ -15,7 +15,7 @@ from collections.abc import Callable, Sequence
 from math import hypot, inf
 
 from cogrip.client.coupling.interface import DelayLine
-from cogrip.client.effects.active import Texture, Vibration
+from cogrip.client.effects.active import Grating, Vibration
 from cogrip.client.effects.fields import ViscousField
 from cogrip.client.effects.hand_aids import part_of
 from cogrip.client.effects.laws import ActiveLaw, PassiveLaw, Row
@@ -52,7 +52,7 @@ class _Entry:
         if effect.kind == "vibration":
             self.active = Vibration(effect, places, tick_s)
         elif effect.kind == "texture":
-            self.active = Texture(effect, places)
+            self.active = Grating(effect, places)
         else:
             self.passive = PASSIVE[effect.kind](effect, places)
         self.begun = tick
@@ -234,12 +234,12 @@ class EffectForce(EffectSource):
             for entry in self._entries.values() if (law := entry.active) is not None
         ]  # fmt: skip
         slope_nps = per_tool * add_floats([law.slope_nps for _, law, here in present if here])
-        texture_npm = add_floats([law.stiffness_npm for _, law, here in present if here and isinstance(law, Texture)])
+        texture_npm = add_floats([law.stiffness_npm for _, law, here in present if here and isinstance(law, Grating)])
         for entry, law, here in present:
             goal = gain if here else 0.0
             if law.slope_nps and slope_nps > self._slope_nps:
                 goal *= self._slope_nps / slope_nps
-            elif isinstance(law, Texture) and texture_npm > stiffness_npm:
+            elif isinstance(law, Grating) and texture_npm > stiffness_npm:
                 goal *= stiffness_npm / texture_npm
             self.reduced = self.reduced or 0.0 < goal < gain
             if entry.share == 0.0 and law.slope_nps and tick - entry.begun <= 1:

@@ -27,7 +27,7 @@ class Box:
         return all(abs(position_m[axis] - middle) <= half for axis, middle, half in self.sides)
 
 
-class Felt(NamedTuple):
+class PassiveForce(NamedTuple):
     """Law of a passive effect at a place: force of its spring and U, force of its damper; () none."""
 
     spring_n: Row = ()
@@ -35,7 +35,7 @@ class Felt(NamedTuple):
     damper_n: Row = ()
 
 
-NOTHING = Felt()
+NOTHING = PassiveForce()
 
 
 class PassiveLaw(ABC):
@@ -45,7 +45,7 @@ class PassiveLaw(ABC):
     damping_nspm = 0.0
 
     @abstractmethod
-    def felt(self, position_m: Row, velocity_mps: Row) -> Felt:
+    def felt(self, position_m: Row, velocity_mps: Row) -> PassiveForce:
         """Return what the law does here."""
 
 

@@ -7,7 +7,7 @@ than K d^2 / 2. Symbols: x hand, d distance or depth [m], n direction in which U
 from itertools import pairwise
 from math import sqrt
 
-from cogrip.client.effects.laws import NOTHING, Box, Felt, PassiveLaw, Row, unit
+from cogrip.client.effects.laws import NOTHING, Box, PassiveForce, PassiveLaw, Row, unit
 from cogrip.machine.addition import add_floats
 from cogrip.protocol.settings.effects import Effect
 
@@ -25,16 +25,16 @@ class Magnet(PassiveLaw):
         self.stiffness_npm, self.damping_nspm = effect.stiffness_npm, effect.damping_nspm
         if effect.force_n:
             self.stiffness_npm = min(self.stiffness_npm, effect.force_n / (_STEEPEST * effect.radius_m))
-        self.outside = Felt((), self.stiffness_npm * self._square / 6.0)
+        self.outside = PassiveForce((), self.stiffness_npm * self._square / 6.0)
 
-    def felt(self, position_m: Row, velocity_mps: Row) -> Felt:
+    def felt(self, position_m: Row, velocity_mps: Row) -> PassiveForce:
         away = [x - middle for x, middle in zip(position_m, self._place, strict=False)]
         left = 1.0 - add_floats([each * each for each in away]) / self._square
         if left <= 0.0:
             return self.outside
         pull, drag = self.stiffness_npm * left * left, self.damping_nspm * left * left
         damper = [drag * speed for speed in velocity_mps[: len(away)]] if drag else ()
-        return Felt([pull * each for each in away], self.outside.stored_j * (1.0 - left**3), damper)
+        return PassiveForce([pull * each for each in away], self.outside.stored_j * (1.0 - left**3), damper)
 
 
 class GuidingPath(PassiveLaw):
@@ -52,7 +52,7 @@ class GuidingPath(PassiveLaw):
         self.stiffness_npm, self.damping_nspm = effect.stiffness_npm, effect.damping_nspm
         self._far = effect.force_n / effect.stiffness_npm if effect.force_n else float("inf")
 
-    def felt(self, position_m: Row, velocity_mps: Row) -> Felt:
+    def felt(self, position_m: Row, velocity_mps: Row) -> PassiveForce:
         best, offset, segment = float("inf"), [0.0], self._segments[0]
         for each in self._segments:
             one, along, square = each
@@ -66,7 +66,7 @@ class GuidingPath(PassiveLaw):
         pull, stored = stiffness, 0.5 * stiffness * best
         if distance > far:
             pull, stored = stiffness * far / distance, stiffness * far * (distance - 0.5 * far)
-        return Felt([pull * each for each in offset], stored, self._drag(segment, velocity_mps))
+        return PassiveForce([pull * each for each in offset], stored, self._drag(segment, velocity_mps))
 
     def _drag(self, segment: tuple[Row, Row, float], velocity_mps: Row) -> Row:
         if not self.damping_nspm:
@@ -85,7 +85,7 @@ class ForbiddenZone(PassiveLaw):
         self._normal = unit(effect.direction, places) if any(effect.direction) else []
         self._sides = Box(effect, places).sides
 
-    def felt(self, position_m: Row, velocity_mps: Row) -> Felt:
+    def felt(self, position_m: Row, velocity_mps: Row) -> PassiveForce:
         depth, out = self._depth(position_m)
         if depth <= 0.0:
             return NOTHING
@@ -94,7 +94,7 @@ class ForbiddenZone(PassiveLaw):
             0.0, pushed - self.damping_nspm * add_floats([n * v for n, v in zip(out, velocity_mps, strict=False)])
         )
         damper = [(pushed - total) * n for n in out] if total != pushed else ()
-        return Felt([-pushed * n for n in out], 0.5 * pushed * depth, damper)
+        return PassiveForce([-pushed * n for n in out], 0.5 * pushed * depth, damper)
 
     def _depth(self, position_m: Row) -> tuple[float, list[float]]:
         """Return the depth, and the outward normal: of a box that of its nearest side."""

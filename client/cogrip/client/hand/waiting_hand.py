@@ -2,7 +2,7 @@
 
 from collections.abc import Callable
 
-from cogrip.devices.simulated.device import SimulatedDevice
+from cogrip.devices.simulated.simulated_device import SimulatedDevice
 
 MOST_WAIT_S = 30.0  # longest wait that a session's time does not count
 

@@ -6,7 +6,7 @@ from cogrip.client.io.paths import Paths
 from cogrip.client.recorder import RecordedClient
 
 
-class Link(Protocol):
+class EmulatedDirection(Protocol):
     """An emulated direction; `cogrip.sim.link.LinkEmulator` is one."""
 
     @property
@@ -15,7 +15,7 @@ class Link(Protocol):
     def due(self, now_ns: int) -> list[bytes]: ...
 
 
-class Exchange:
+class DatagramExchange:
     """Exchange of one client. up, down: the emulated directions, None without, set once the settings of the seat are known.
 
     half_tick_ns: by which the emulated link is early, so that a message goes at the nearest tick
@@ -25,8 +25,8 @@ class Exchange:
         self._session, self._paths = core.session, paths
         self._outbox = core.session.outbox
         self._receive, self._answers, self._redirect = core.receive, core.session.is_welcome, core.session.redirect
-        self.up: Link | None = None
-        self.down: Link | None = None
+        self.up: EmulatedDirection | None = None
+        self.down: EmulatedDirection | None = None
         self.half_tick_ns = 0
 
     def send(self, now_ns: int) -> None:

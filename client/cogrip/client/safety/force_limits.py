@@ -21,7 +21,7 @@ SOFT_S = 0.05  # time after a gap in which the force may still return to the law
 
 
 @dataclass(frozen=True, slots=True)
-class Bounds:
+class ForceBounds:
     """Bounds of a group: forces [N], slope [N/s], speed [m/s]. A message shows `per_unit` times a force in `unit`.
 
     range_m: where readings of the group can be, as lengths; None: anywhere
@@ -41,9 +41,9 @@ class Bounds:
         return f"{self.per_unit * force_n:g} {self.unit}"
 
 
-def bounds_of(record: Capability, length_scale: float) -> tuple[Bounds, ...]:
+def bounds_of(record: Capability, length_scale: float) -> tuple[ForceBounds, ...]:
     """Return the bounds of the first three axes, then of those after them, where there are any."""
-    places = Bounds(record.peak_force_n, record.continuous_force_n, record.slew_nps, record.speed_mps)
+    places = ForceBounds(record.peak_force_n, record.continuous_force_n, record.slew_nps, record.speed_mps)
     other = further_axes(record, length_scale)
     if other is None:
         return (places,)
@@ -55,7 +55,7 @@ def bounds_of(record: Capability, length_scale: float) -> tuple[Bounds, ...]:
             ("N at the gripper", "m/s at the gripper"),
             (length_scale * (closed - beyond), length_scale * (opened + beyond)),
         )
-    return places, Bounds(
+    return places, ForceBounds(
         other.peak_n, other.continuous_n, other.slew_nps, other.speed_mps, length_scale, *units, range_m
     )
 
@@ -67,7 +67,7 @@ class ForceLimits:
     limited  whether a limit held the force of this tick; `derated` whether warm motors did, `over` whether the peak did
     """
 
-    def __init__(self, bounds: Bounds, axes: int, tick_s: float, note: Callable[[str], None]) -> None:
+    def __init__(self, bounds: ForceBounds, axes: int, tick_s: float, note: Callable[[str], None]) -> None:
         self._tick_s = tick_s
         self._note = note
         self.thermal = ThermalLimit(tick_s, bounds.peak_n, bounds.continuous_n)
@@ -78,7 +78,7 @@ class ForceLimits:
         self.limited = self.derated = self.over = False
         self.set_bounds(bounds)
 
-    def set_bounds(self, bounds: Bounds) -> None:
+    def set_bounds(self, bounds: ForceBounds) -> None:
         """Set the bounds."""
         self.bounds, self._peak_n = bounds, bounds.peak_n
         self.thermal.set_limits(bounds.peak_n, bounds.continuous_n)

@@ -19,7 +19,7 @@ from math import hypot, inf, isfinite, sqrt
 from typing import Literal, get_args
 
 from cogrip.client.hand.row_size import surely_below
-from cogrip.client.safety.force_limits import Bounds, ForceLimits, bounds_of
+from cogrip.client.safety.force_limits import ForceBounds, ForceLimits, bounds_of
 from cogrip.client.safety.thermal import ThermalLimit
 from cogrip.devices.device import Capability
 from cogrip.machine.addition import add_floats
@@ -195,7 +195,7 @@ class Safety:
                 self.left = self.left or f"the hand left the workspace at {place:.4g} m"
         return True
 
-    def _check_further(self, bounds: Bounds, speed_mps: float, last_m: float) -> None:
+    def _check_further(self, bounds: ForceBounds, speed_mps: float, last_m: float) -> None:
         """Check the axes after the first three: their speed, and the opening of a gripper."""
         if speed_mps > bounds.speed_mps:
             speeds, unit = [speed / bounds.per_unit for speed in (speed_mps, bounds.speed_mps)], bounds.rate_unit

@@ -10,7 +10,7 @@ from cogrip.client.effects.hand_aids import HandAids
 from cogrip.client.hand.axes import Row
 from cogrip.client.hand.frame import HandFrame
 from cogrip.client.hand.hand_map import HandMap
-from cogrip.client.hand_changes import HandChanges
+from cogrip.client.hand_changes import TakenChanges
 from cogrip.protocol.settings.hand import HandChange, unfit
 from cogrip.protocol.settings.seat import SeatSettings
 from cogrip.protocol.settings.tool_frame import ToolFrame
@@ -40,7 +40,7 @@ class HandOrders:
         self._aids = aids
         self.frame = HandFrame() if seat.tool is None else HandMap(seat.tool, self._axes)
         self.waiting: HandChange | None = None
-        self.changes = HandChanges(seat.hand_change)
+        self.changes = TakenChanges(seat.hand_change)
 
     def clutch(self, held: bool) -> None:
         """Hold the clutch, or release it: from the next tick on."""

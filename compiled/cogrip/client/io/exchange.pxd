@@ -1,7 +1,7 @@
 from cogrip.protocol.wire.session cimport ClientSession
 
 
-cdef class Exchange:
+cdef class DatagramExchange:
     cdef ClientSession _session
     cdef object _paths
     cdef object _outbox

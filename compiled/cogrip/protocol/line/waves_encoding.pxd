@@ -1,7 +1,7 @@
 from libc.stdint cimport uint64_t
 from libc.string cimport memcpy
 
-from cogrip.protocol.wire.clock cimport Clock
+from cogrip.protocol.wire.clock cimport MessageClock
 from cogrip.protocol.line.sender cimport LineSender
 
 cdef extern from *:
@@ -20,7 +20,7 @@ cdef extern from *:
 
 
 cpdef bytes encode_waves(
-    long long session, LineSender sender, double made_j, double port_j, long long acknowledged, Clock clock, long long now_ns,
+    long long session, LineSender sender, double made_j, double port_j, long long acknowledged, MessageClock clock, long long now_ns,
     tuple state, long long phase, double impedance_nspm, long long since, long long edges,
     long long applied=*, handle=*,
 )

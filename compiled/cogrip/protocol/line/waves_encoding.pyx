@@ -3,7 +3,7 @@
 from cpython.bytes cimport PyBytes_FromStringAndSize
 from libc.string cimport memcpy
 
-from cogrip.protocol.wire.clock cimport Clock
+from cogrip.protocol.wire.clock cimport MessageClock
 from cogrip.protocol.line.sender cimport LineSender
 
 from cogrip.protocol.wire.messages import encode
@@ -19,7 +19,7 @@ cdef bytes NOTHING = b"\xc0"  # nil
 
 
 cpdef bytes encode_waves(
-    long long session, LineSender sender, double made_j, double port_j, long long acknowledged, Clock clock, long long now_ns,
+    long long session, LineSender sender, double made_j, double port_j, long long acknowledged, MessageClock clock, long long now_ns,
     tuple state, long long phase, double impedance_nspm, long long since, long long edges,
     long long applied=0, handle=None,
 ):

@@ -1,7 +1,7 @@
 cimport cython
 
 
-cdef class Clock:
+cdef class MessageClock:
     cdef long long _peer_sent_ns
     cdef long long _received_ns
     cdef long long _echoed_ns

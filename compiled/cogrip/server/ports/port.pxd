@@ -1,5 +1,5 @@
 from cogrip.protocol.wire.button_edges cimport EdgeReceiver
-from cogrip.protocol.wire.clock cimport Clock
+from cogrip.protocol.wire.clock cimport MessageClock
 from cogrip.protocol.line.energy_reserve cimport EnergyReserve
 from cogrip.protocol.line.received_waves cimport ReceivedWaves
 
@@ -24,6 +24,6 @@ cdef class Port:
     cpdef bint take_in(self, ReceivedWaves datagram, long long now_ns) except -1
     cpdef tuple pop(self, long long frames)
     cpdef push(self, tuple row)
-    cpdef bytes message(self, long long session, Clock clock, long long now_ns, tuple object_state, double port_j)
+    cpdef bytes message(self, long long session, MessageClock clock, long long now_ns, tuple object_state, double port_j)
     cpdef port_in_j(self)
     cpdef double rounding_j(self) except? -1.0

@@ -27,6 +27,6 @@ cdef class WaveLimiter(PowerBucket):
     cpdef book(self, tuple returned)
 
 
-cdef class EnergyLimiter(PowerBucket):
+cdef class LineEnergyLimiter(PowerBucket):
     cdef bint _held
     cdef double _allowed_j

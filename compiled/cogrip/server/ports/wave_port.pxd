@@ -1,6 +1,6 @@
 cimport cython
 
-from cogrip.protocol.wire.clock cimport Clock
+from cogrip.protocol.wire.clock cimport MessageClock
 from cogrip.protocol.line.arrived_frame cimport ArrivedFrame
 from cogrip.protocol.line.energy_sums cimport CompensatedSum
 from cogrip.protocol.line.receiver cimport LineReceiver
@@ -45,4 +45,4 @@ cdef class WavePort(Port):
     cpdef double rounding_j(self) except? -1.0
     @cython.locals(receiver=LineReceiver)
     @cython.locals(receiver=LineReceiver)
-    cpdef bytes message(self, long long session, Clock clock, long long now_ns, tuple object_state, double port_j)
+    cpdef bytes message(self, long long session, MessageClock clock, long long now_ns, tuple object_state, double port_j)

@@ -1,4 +1,4 @@
-cdef class HandChanges:
+cdef class SentChanges:
     cdef public object holds
     cdef public long long taken
     cdef public object wanted

@@ -1,4 +1,4 @@
-cdef class Markers:
+cdef class RoomMarkers:
     cdef long long _every
     cdef long long _steps
     cdef public object _told

@@ -1,9 +1,9 @@
 cimport cython
 
-from cogrip.protocol.wire.clock cimport Clock
+from cogrip.protocol.wire.clock cimport MessageClock
 from cogrip.protocol.line.energy_reserve cimport EnergyReserve
 from cogrip.protocol.line.received_waves cimport ReceivedWaves
-from cogrip.server.seats.hand_changes cimport HandChanges
+from cogrip.server.seats.hand_changes cimport SentChanges
 from cogrip.server.ports.port cimport Port
 
 
@@ -16,7 +16,7 @@ cdef class Participant:
     cdef public long long last_received_ns
     cdef public long long since_ns
     cdef public long long asked_ns
-    cdef public Clock clock
+    cdef public MessageClock clock
     cdef public object ticket
     cdef public object ticket_hash
     cdef public object token
@@ -34,7 +34,7 @@ cdef class Seat(Participant):
     cdef public Port port
     cdef public object adapter
     cdef public object geometry
-    cdef public HandChanges hand
+    cdef public SentChanges hand
     cdef public object effects
     cdef public bint on_object
     cdef public double line_margin_j

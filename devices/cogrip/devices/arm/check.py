@@ -11,7 +11,7 @@ JOINTS = "abc"
 
 
 @dataclass(frozen=True, slots=True)
-class Measured:
+class ArmFindings:
     """Findings of `io.arm_check`; tuples have one number a joint, in counts.
 
     noise             highest less lowest at rest
@@ -34,7 +34,7 @@ class Measured:
 
 
 @dataclass(frozen=True, slots=True)
-class Row:
+class VerdictRow:
     """One line of the verdict. cure: what to do where it is not good."""
 
     what: str
@@ -44,41 +44,43 @@ class Row:
     cure: str = ""
 
 
-def verdict(measured: Measured, current_ma: float) -> list[Row]:
+def verdict(measured: ArmFindings, current_ma: float) -> list[VerdictRow]:
     """Line by line."""
     rows = _wire(measured)
     for joint, name in enumerate(JOINTS):
         noise, low, high = measured.noise[joint], measured.lowest[joint], measured.highest[joint]
         cure = "let nobody touch the arm while it is measured; else check the encoder's cable and its supply"
         good, most = noise <= MOST_NOISE_COUNTS, f"at most {MOST_NOISE_COUNTS}"
-        rows.append(Row(f"noise at rest, encoder {name}", f"{noise} counts", most, good, cure))
+        rows.append(VerdictRow(f"noise at rest, encoder {name}", f"{noise} counts", most, good, cure))
         moved = measured.most_moved[joint]
         swapped = moved != joint and joint in measured.most_moved  # else nothing moves this encoder: it is stuck
         other = JOINTS[moved] if swapped else name
         rows.append(_sign(name, measured.forward[joint], measured.backward[joint], current_ma, other))
         cure = "this encoder did not move: move the arm through its range when asked to, or check its cable"
-        rows.append(Row(f"range seen, encoder {name}", f"{low} to {high}", "more than one count", high > low, cure))
+        rows.append(
+            VerdictRow(f"range seen, encoder {name}", f"{low} to {high}", "more than one count", high > low, cure)
+        )
     return rows
 
 
-def _wire(measured: Measured) -> list[Row]:
+def _wire(measured: ArmFindings) -> list[VerdictRow]:
     missed, p50, p99 = measured.missed / max(1, measured.requests), measured.latency_p50_us, measured.latency_p99_us
     return [
-        Row(
+        VerdictRow(
             "requests answered",
             f"{100 * (1 - missed):.2f} %",
             f"at least {100 * (1 - MOST_MISSED):.1f} %",
             missed <= MOST_MISSED,
             "check the cable and the hub; close other programs that use the port",
         ),
-        Row(
+        VerdictRow(
             "rate, one request after the other",
             f"{measured.rate_hz:.0f} Hz",
             f"at least {LEAST_RATE_HZ:.0f} Hz",
             measured.rate_hz >= LEAST_RATE_HZ,
             "use a port of its own, no hub; see `cogrip doctor`",
         ),
-        Row(
+        VerdictRow(
             "latency, 50 and 99 %",
             f"{p50:.0f}, {p99:.0f} us",
             f"99 % within {MOST_LATENCY_US:.0f} us",
@@ -88,19 +90,19 @@ def _wire(measured: Measured) -> list[Row]:
     ]
 
 
-def _sign(name: str, forward: int, backward: int, current_ma: float, other: str) -> Row:
+def _sign(name: str, forward: int, backward: int, current_ma: float, other: str) -> VerdictRow:
     """Check the signs: a positive current raises the count of its own axis, whatever `dir` is, since both carry it."""
     what, found = f"sign, axis {name}", f"{forward:+d}, {backward:+d} counts"
     wanted = f"up, down under +-{current_ma:g} mA"
     if other != name:
         cure = f"the motor of axis {name} moves the encoder of axis {other} most: two motors or encoders are swapped"
-        return Row(what, f"{found}, more at {other}", wanted, good=False, cure=cure)
+        return VerdictRow(what, f"{found}, more at {other}", wanted, good=False, cure=cure)
     if forward >= LEAST_MOVED_COUNTS and backward <= -LEAST_MOVED_COUNTS:
-        return Row(what, found, wanted, good=True)
+        return VerdictRow(what, found, wanted, good=True)
     if forward <= -LEAST_MOVED_COUNTS and backward >= LEAST_MOVED_COUNTS:
         cure = f"motor or encoder of axis {name} is wired the other way round: force would push the wrong way; swap one"
     elif max(abs(forward), abs(backward)) < LEAST_MOVED_COUNTS:
         cure = "it did not move: is the amplifier enabled, the arm free, the motor plugged in?"
     else:
         cure = "it moved one way only: is it at a stop, or held? Try in mid-range"
-    return Row(what, found, wanted, good=False, cure=cure)
+    return VerdictRow(what, found, wanted, good=False, cure=cure)

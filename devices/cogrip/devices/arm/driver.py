@@ -10,7 +10,7 @@ from dataclasses import replace
 from math import hypot, isfinite
 
 from cogrip.devices.arm.encoder_watch import EncoderWatch
-from cogrip.devices.arm.exchange import RETRY_S, Exchange, Reading, meet
+from cogrip.devices.arm.exchange import RETRY_S, Reading, RequestExchange, meet
 from cogrip.devices.arm.kinematics import Vector
 from cogrip.devices.arm.model import ArmModel, Pose
 from cogrip.devices.arm.pose import Calibration, KnownPose, OwnLosses, Store, drive_of
@@ -63,7 +63,7 @@ class ArmDevice(Driver):
     """
 
     def __init__(
-        self, name: str, axes: int, exchange: Exchange, known: Callable[[str], ArmModel], pose: Pose,
+        self, name: str, axes: int, exchange: RequestExchange, known: Callable[[str], ArmModel], pose: Pose,
         model: ArmModel | None, store: Store,
     ) -> None:  # fmt: skip
         super().__init__(name, axes)
@@ -118,18 +118,18 @@ class ArmDevice(Driver):
     def model(self) -> ArmModel:
         """Return the device's model, asking the device where the address does not say. Raises DeviceError."""
         if self._model is None:
-            port = self.exchange.port
-            port.open()
+            line = self.exchange.line
+            line.open()
             try:
                 self._recognise(meet(self.exchange, ZERO))
             finally:
-                port.close()
+                line.close()
         assert self._model is not None
         return self._model
 
     @property
     def counts(self) -> Mapping[str, int]:
-        return {**self.exchange.port.counts, **self.exchange.counts, **self._counts}
+        return {**self.exchange.line.counts, **self.exchange.counts, **self._counts}
 
     @property
     def reads_only(self) -> bool:
@@ -142,23 +142,23 @@ class ArmDevice(Driver):
         return self._weight.fraction if self._open else 0.0
 
     def open(self, rate_hz: int) -> None:
-        port = self.exchange.port
+        line = self.exchange.line
         if not self._open:
             self._own = None  # it may have been identified anew
         self._check_open(rate_hz, self.capability)
-        port.open()
+        line.open()
         try:
             reading = meet(self.exchange, ZERO)
             self._recognise(reading)
             assert self._pose is not None
-            self._stamp = port.stamp()
+            self._stamp = line.stamp()
             self._offset = self._pose.offset_counts(self._stamp)
             home = self.model.gimbal_home_counts
             loaded = self._pose_kind == "stored" and self.exchange.codec.load((*ZERO, *home)) is not None
             self._gimbal_offset = ZERO if loaded else home  # a device whose counters were loaded counts from there
             self._place(reading)
         except DeviceError:
-            port.close()
+            line.close()
             raise
         self.exchange.start(rate_hz)
         self._watch = EncoderWatch(3, self.model.record.resolution_m, rate_hz, self._tip)
@@ -196,17 +196,17 @@ class ArmDevice(Driver):
         """The arm stands in its home pose now, and whoever calls this confirms it. Not while it is open. Raises DeviceError."""
         if self._open:
             raise self._error("is open; close it before it is calibrated")
-        port, codec = self.exchange.port, self.exchange.codec
-        port.open()
+        line, codec = self.exchange.line, self.exchange.codec
+        line.open()
         try:
             reading = meet(self.exchange, ZERO)
             self._recognise(reading)
             home = self.model.home_counts
             load = codec.load((*home, *self.model.gimbal_home_counts))
             if load is not None:
-                self._forget(port.stamp())
-                port.write(load)
-                codec.feed(port.read(0.1))
+                self._forget(line.stamp())
+                line.write(load)
+                codec.feed(line.read(0.1))
                 reading = meet(self.exchange, ZERO)
                 if any(abs(count - there) > TREMBLE_COUNTS for count, there in zip(reading.raw, home, strict=True)):
                     raise self._error(f"its counters read {reading.raw} after {home} were loaded; try again")
@@ -214,10 +214,10 @@ class ArmDevice(Driver):
             a, b, c = (there - count for there, count in zip(home, reading.raw, strict=True))
             return Calibration(
                 device=self._where, model=self.model.record.model, offset_counts=(a, b, c), home_counts=home,
-                stamp=port.stamp(), made=made,
+                stamp=line.stamp(), made=made,
             )  # fmt: skip
         finally:
-            port.close()
+            line.close()
 
     def _forget(self, stamp: str) -> None:
         """Whatever was known of the counters does not hold for those that are loaded now, should the rest go wrong."""
@@ -349,12 +349,12 @@ class ArmDevice(Driver):
         if was_open:
             for _ in range(GOODBYES):
                 try:
-                    exchange.port.read(0.02)
-                    exchange.port.write(exchange.codec.encode(ZERO))
+                    exchange.line.read(0.02)
+                    exchange.line.write(exchange.codec.encode(ZERO))
                 except DeviceError:
                     self._counts["not reached when closed"] += 1
                     break
-        exchange.port.close()
+        exchange.line.close()
         if was_open and self._pose is not None:
             try:
                 self._pose.settle()

@@ -16,7 +16,7 @@ import msgspec
 from cogrip.devices.device import DeviceError
 
 RETRY_S = 0.005  # a request that is not answered for so long is made again
-MOST_DRAINED = 1000  # Most reads that drain a port. A device that only answers has nothing more to say long before.
+MOST_DRAINED = 1000  # Most reads that drain a line. A device that only answers has nothing more to say long before.
 PATIENCE = 0.25  # share of a tick for which a reply that is not there yet is waited for
 
 
@@ -35,7 +35,7 @@ class Reading(msgspec.Struct, frozen=True, gc=False):
     buttons: int = 0
 
 
-class Port(Protocol):
+class ByteLine(Protocol):
     """Bytes (or whole reports) to and from a device. Making it opens nothing.
 
     Every verb raises DeviceError when the device is lost.
@@ -87,11 +87,11 @@ class Codec(Protocol):
         """Bytes, or reports, that were no part of a good reply."""
 
 
-class Exchange:
-    """Requests and replies over a port, timed in ticks of the loop."""
+class RequestExchange:
+    """Requests and replies over a line, timed in ticks of the loop."""
 
-    def __init__(self, port: Port, codec: Codec) -> None:
-        self.port = port
+    def __init__(self, line: ByteLine, codec: Codec) -> None:
+        self.line = line
         self.codec = codec
         self.counts: Counter[str] = Counter()
         self._skipped = 0
@@ -120,7 +120,7 @@ class Exchange:
                 return False
             self._given_up += 1
         self._pushes = any(commands)
-        self.port.write(self.codec.encode(commands))
+        self.line.write(self.codec.encode(commands))
         self._asked = self._since = tick
         return True
 
@@ -154,11 +154,11 @@ class Exchange:
         return None
 
     def _read(self) -> list[Reading]:
-        data = self.port.read(self._patience_s)
+        data = self.line.read(self._patience_s)
         readings = self.codec.feed(data)
         if data and not readings:  # a part of it: the rest is on its way
             self.counts["reply in parts"] += 1
-            readings = self.codec.feed(self.port.read(self._patience_s))
+            readings = self.codec.feed(self.line.read(self._patience_s))
         if self.codec.skipped != self._skipped:
             self.counts["bytes skipped"] += self.codec.skipped - self._skipped
             self._skipped = self.codec.skipped
@@ -170,30 +170,30 @@ class Exchange:
         return reading, age
 
 
-def meet(exchange: Exchange, zero: Sequence[float], patience_s: float = 0.1, tries: int = 10) -> Reading:
+def meet(exchange: RequestExchange, zero: Sequence[float], patience_s: float = 0.1, tries: int = 10) -> Reading:
     """The first good reply to requests for no force, and nothing left on the wire. Raises DeviceError after `tries` of them."""
-    port, codec = exchange.port, exchange.codec
-    _drain(port)  # what was on its way before we came
+    line, codec = exchange.line, exchange.codec
+    _drain(line)  # what was on its way before we came
     codec.reset()
     complaint = ""
     for _ in range(tries):
-        port.write(codec.encode(zero))
-        readings = codec.feed(port.read(patience_s))
+        line.write(codec.encode(zero))
+        readings = codec.feed(line.read(patience_s))
         good = [reading for reading in readings if not reading.rejected]
         if good:
-            _drain(port)  # replies to earlier tries
+            _drain(line)  # replies to earlier tries
             codec.reset()
             return good[-1]
         if readings:  # half a request stood before ours, and its counts are old
             complaint = readings[-1].error
     if complaint:
-        raise DeviceError(f"{port.name}: refuses every request: {complaint}; is it the right device? Power it up anew")
+        raise DeviceError(f"{line.name}: refuses every request: {complaint}; is it the right device? Power it up anew")
     took = f"no reply to {tries} requests in {tries * patience_s:g} s"
-    raise DeviceError(f"{port.name}: {took}; is this the right port, and is the device powered?")
+    raise DeviceError(f"{line.name}: {took}; is this the right port, and is the device powered?")
 
 
-def _drain(port: Port) -> None:
+def _drain(line: ByteLine) -> None:
     for _ in range(MOST_DRAINED):
-        if not port.read():
+        if not line.read():
             return
-    raise DeviceError(f"{port.name}: sends without being asked, so it is another device; is this the right port?")
+    raise DeviceError(f"{line.name}: sends without being asked, so it is another device; is this the right port?")

@@ -66,7 +66,7 @@ Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True, slots=True)
-class Bounds:
+class LossBounds:
     """Lower bounds, over all directions, of the mechanism's own damping [N s/m] and friction [N]."""
 
     damping_nspm: float
@@ -86,7 +86,7 @@ def identify(
     force_n: float,
     wait: Callable[[int], int] = lambda tick: tick,
     progress: Callable[[str], None] = lambda text: None,
-) -> Bounds:
+) -> LossBounds:
     """Swing the arm, which stands freely in mid-range with its pose known, and fit. It is opened and closed here.
 
     device    all axes of an arm of this model
@@ -123,7 +123,7 @@ def identify(
 
 def fit(
     speed_mps: Array, resistance_n: Array, path_m: Array, force_n: float, rounding_n: float, resolution_m: float
-) -> Bounds:
+) -> LossBounds:
     """Lower bounds of b and c in y = c + b s: s `speed_mps`, y `resistance_n`, with the path of each period.
 
     rounding_n: what currents, rounded towards zero, may lack. A count of resolution_m is an error of W, the same in all periods
@@ -154,16 +154,16 @@ def fit(
     c = min(c - SIGMAS * error_c, (resistance_n - b * speed_mps).min()) - rounding_n
     if c < 0.0:  # the rounding may as well have been taken for damping
         b = max(0.0, min(b, b + c / speed_mps.min()))
-    return Bounds(float(b), max(0.0, float(c)))
+    return LossBounds(float(b), max(0.0, float(c)))
 
 
-def everywhere(found: Sequence[Bounds], joints: Array, ratio: float) -> Bounds:
+def everywhere(found: Sequence[LossBounds], joints: Array, ratio: float) -> LossBounds:
     """The least of all directions and places. found: those of the joints' directions (columns of `joints`), then others."""
     back = np.linalg.inv(joints)
     own = np.diag([bounds.damping_nspm for bounds in found[: len(joints)]])
     damping = min(float(np.linalg.eigvalsh(back.T @ own @ back)[0]), *(bounds.damping_nspm for bounds in found))
     friction = min(bounds.friction_n for bounds in found)
-    return Bounds(max(0.0, ratio * ratio * damping), ratio * friction)
+    return LossBounds(max(0.0, ratio * ratio * damping), ratio * friction)
 
 
 class SwingLaw:

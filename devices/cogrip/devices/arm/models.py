@@ -23,7 +23,7 @@ from cogrip.devices.arm.kinematics import Vector
 from cogrip.devices.arm.model import ArmModel
 from cogrip.devices.arm.motors import CableDrive
 from cogrip.devices.arm.parallel_drive import ParallelDrive, Weights
-from cogrip.devices.arm.polhem import Bodies, Polhem
+from cogrip.devices.arm.polhem import PlanarMasses, Polhem
 from cogrip.devices.device import Capability, encoder_record
 
 RATE_HZ = 1024
@@ -88,7 +88,7 @@ _VINTAGE = ArmModel(
 )  # fmt: skip
 
 _POLHEM = ArmModel(
-    kinematics=Polhem((0.034, 0.165, 0.025, 0.190, 0.034, 0.1308), (0.2045, 0.0, 0.0325), Bodies(g_mps2=9.81)),
+    kinematics=Polhem((0.034, 0.165, 0.025, 0.190, 0.034, 0.1308), (0.2045, 0.0, 0.0325), PlanarMasses(g_mps2=9.81)),
     drive=CableDrive(
         counts_per_turn=_alike(4096.0), capstan_m=(0.0288534, 0.0136981, 0.0137281), body_m=(0.175, 0.100, 0.100),
         direction=(1.0, -1.0, 1.0), motor_nm_per_a=(RE40_148877_NM_PER_A, RE30_310009_NM_PER_A, RE30_310009_NM_PER_A),

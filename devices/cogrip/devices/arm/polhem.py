@@ -27,7 +27,7 @@ _SMALLEST_LEVER = 1e-3
 
 
 @dataclass(frozen=True, slots=True)
-class Body:
+class LinkMass:
     """A link's mass [kg] and its centre [m]: along the link from its first joint, and across, to the left."""
 
     mass_kg: float
@@ -36,13 +36,13 @@ class Body:
 
 
 @dataclass(frozen=True, slots=True)
-class Bodies:
+class PlanarMasses:
     """Masses that move in the plane, with covers; g_mps2 = 0 leaves gravity out. Numbers of hfabapi, which has 9.81."""
 
-    upper: Body = Body(0.15764, 0.030123, 0.000484)
-    crank: Body = Body(0.07733, -0.004086, 0.001911)
-    rod: Body = Body(0.09767, 0.087765, 0.001978)
-    forearm: Body = Body(0.11265, 0.061701, 0.000576)
+    upper: LinkMass = LinkMass(0.15764, 0.030123, 0.000484)
+    crank: LinkMass = LinkMass(0.07733, -0.004086, 0.001911)
+    rod: LinkMass = LinkMass(0.09767, 0.087765, 0.001978)
+    forearm: LinkMass = LinkMass(0.11265, 0.061701, 0.000576)
     g_mps2: float = 0.0
 
 
@@ -52,7 +52,7 @@ class Polhem:
 
     lengths_m: tuple[float, float, float, float, float, float]
     origin_m: Vector
-    bodies: Bodies = Bodies()
+    bodies: PlanarMasses = PlanarMasses()
 
     def _close(self, tb: float, tc: float) -> tuple[float, float, float, float, float, float] | None:
         """B - O1, A - O2 and u(lam), six numbers; None where the rod is too long or too short."""
@@ -155,7 +155,7 @@ class Polhem:
         return 0.0, bodies.g_mps2 * b, bodies.g_mps2 * c
 
 
-def _rise(body: Body, ux: float, uz: float) -> float:
+def _rise(body: LinkMass, ux: float, uz: float) -> float:
     """Mass times how fast its centre rises about the link's first joint, per rad/s of the link at direction u [kg m]."""
     return body.mass_kg * (body.along_m * ux - body.across_m * uz)
 

@@ -7,11 +7,11 @@ from collections.abc import Mapping
 
 from cogrip.devices.arm.driver import ArmDevice
 from cogrip.devices.device import Device, DeviceError
-from cogrip.devices.emulated.device import EmulatedDevice, Notebook, Planned
+from cogrip.devices.emulated.emulated_device import EmulatedDevice, Notebook, Planned
+from cogrip.devices.emulated.emulated_line import EmulatedLine
 from cogrip.devices.emulated.faults import VERBS
-from cogrip.devices.emulated.machines import MACHINES, Machine, make_firmware
+from cogrip.devices.emulated.machines import MACHINES, EmulatedMachine, make_firmware
 from cogrip.devices.emulated.mechanics import Mechanics
-from cogrip.devices.emulated.port import EmulatedPort
 from cogrip.devices.registry import Family
 from cogrip.devices.settings import Address, Setting, unknown
 
@@ -44,15 +44,15 @@ def make(address: Address, count: int, defaults: Mapping[str, Setting]) -> Devic
         driver_keys.setdefault("pose", "home")
     firmware = make_firmware(address.name, {**defaults, **query}, int(seed))
     name = f"emulated:{address.name}"
-    port = EmulatedPort(name, firmware, reports=machine.reports)
+    line = EmulatedLine(name, firmware, reports=machine.reports)
     store = Notebook()
-    driver = machine.drive(port, name, store, Address(address.text, address.scheme, address.name, driver_keys), count)
+    driver = machine.drive(line, name, store, Address(address.text, address.scheme, address.name, driver_keys), count)
     if driver_keys.get("pose") == "stored" and isinstance(driver, ArmDevice):
         _calibrate(driver, firmware.mechanics, store)
     return EmulatedDevice(driver, firmware, planned, store)
 
 
-def _machine(address: Address) -> Machine:
+def _machine(address: Address) -> EmulatedMachine:
     machine = MACHINES.get(address.name)
     if machine is None:
         raise unknown("emulated device", address.name, MACHINES, repr(address.text))

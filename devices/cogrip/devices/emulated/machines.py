@@ -3,7 +3,7 @@
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 
-from cogrip.devices.arm.exchange import Port
+from cogrip.devices.arm.exchange import ByteLine
 from cogrip.devices.arm.kinematics import Vector
 from cogrip.devices.arm.model import ArmModel, ArmSettings
 from cogrip.devices.arm.models import MODELS
@@ -16,7 +16,7 @@ from cogrip.devices.emulated.hfab_firmware import HfabFirmware
 from cogrip.devices.emulated.hid_firmware import HidFirmware
 from cogrip.devices.emulated.inverse_service import MODEL as INVERSE3
 from cogrip.devices.emulated.inverse_service import InverseService
-from cogrip.devices.emulated.mechanics import Body, Mechanics
+from cogrip.devices.emulated.mechanics import HeldTip, Mechanics
 from cogrip.devices.haply.family import drive as drive_haply
 from cogrip.devices.haply.models import MODELS as HAPLY
 from cogrip.devices.haply.models import HaplySettings
@@ -29,73 +29,75 @@ from cogrip.devices.serial.family import SerialSettings
 from cogrip.devices.serial.family import drive as drive_serial
 from cogrip.devices.serial.frames import MODELS as SERIAL_NUMBERS
 from cogrip.devices.settings import Address, Setting, keys_of
-from cogrip.devices.simulated.device import SimulatedDevice
+from cogrip.devices.simulated.simulated_device import SimulatedDevice
 
 BODY_AXES = 3
 
 
 @dataclass(frozen=True, slots=True)
-class Machine:
+class EmulatedMachine:
     """scheme: of the real device's family. keys: those that are the driver's; all others are the body's and its hand's."""
 
     scheme: str
-    firmware: Callable[[str, Body, int, Vector | None], Firmware]
-    drive: Callable[[Port, str, Store, Address, int], Device]
+    firmware: Callable[[str, HeldTip, int, Vector | None], Firmware]
+    drive: Callable[[ByteLine, str, Store, Address, int], Device]
     keys: tuple[str, ...]
     model: ArmModel
     reports: bool = False
 
 
-def _hfab(name: str, body: Body, seed: int, powered_at_m: Vector | None) -> Firmware:
+def _hfab(name: str, body: HeldTip, seed: int, powered_at_m: Vector | None) -> Firmware:
     number = next(number for number, known in SERIAL_NUMBERS.items() if known == name)
     return HfabFirmware(number, Mechanics(MODELS[name], body, powered_at_m), Faults(seed))
 
 
-MACHINES: dict[str, Machine] = {
-    name: Machine("serial", _hfab, drive_serial, keys_of(SerialSettings), MODELS[name])
+MACHINES: dict[str, EmulatedMachine] = {
+    name: EmulatedMachine("serial", _hfab, drive_serial, keys_of(SerialSettings), MODELS[name])
     for name in SERIAL_NUMBERS.values()
 }
 
 
-def _hid(name: str, body: Body, seed: int, powered_at_m: Vector | None) -> Firmware:
+def _hid(name: str, body: HeldTip, seed: int, powered_at_m: Vector | None) -> Firmware:
     return HidFirmware(Mechanics(MODELS[name], body, powered_at_m), Faults(seed, reports=True))
 
 
-def _drive_hid(port: Port, name: str, store: Store, address: Address, axes: int) -> Device:
-    return drive_hid(port, name, store, replace(address, name=address.name.removesuffix("-hid")), axes)
+def _drive_hid(line: ByteLine, name: str, store: Store, address: Address, axes: int) -> Device:
+    return drive_hid(line, name, store, replace(address, name=address.name.removesuffix("-hid")), axes)
 
 
 MACHINES |= {
-    model.record.model: Machine("hid", _hid, _drive_hid, keys_of(ArmSettings), model, reports=True)
+    model.record.model: EmulatedMachine("hid", _hid, _drive_hid, keys_of(ArmSettings), model, reports=True)
     for model in HID_ARMS.values()
 }
 
 
-def _haply(name: str, body: Body, seed: int, powered_at_m: Vector | None) -> Firmware:
+def _haply(name: str, body: HeldTip, seed: int, powered_at_m: Vector | None) -> Firmware:
     model = HAPLY[name]
     a, b = (Joint(port, ccw) for port, ccw in zip(model.wiring.ports, model.wiring.ccw, strict=True))
     return HaplyFirmware((a, b), Mechanics(model, body, powered_at_m), Faults(seed), homed=True)
 
 
-def _drive_haply(port: Port, name: str, store: Store, address: Address, axes: int) -> Device:
-    return drive_haply(port, name, store, replace(address, query={**address.query, "model": address.name}), axes)
+def _drive_haply(line: ByteLine, name: str, store: Store, address: Address, axes: int) -> Device:
+    return drive_haply(line, name, store, replace(address, query={**address.query, "model": address.name}), axes)
 
 
 MACHINES |= {
-    name: Machine("haply", _haply, _drive_haply, tuple(key for key in keys_of(HaplySettings) if key != "model"), model)
+    name: EmulatedMachine(
+        "haply", _haply, _drive_haply, tuple(key for key in keys_of(HaplySettings) if key != "model"), model
+    )
     for name, model in HAPLY.items()
 }
 
 
-def _inverse(name: str, body: Body, seed: int, powered_at_m: Vector | None) -> Firmware:
+def _inverse(name: str, body: HeldTip, seed: int, powered_at_m: Vector | None) -> Firmware:
     return InverseService(Mechanics(INVERSE3, body, powered_at_m), Faults(seed, reports=True))
 
 
-def _drive_inverse(port: Port, name: str, store: Store, address: Address, axes: int) -> Device:
-    return drive_inverse(port, name, address.query, axes, repr(address.text))
+def _drive_inverse(line: ByteLine, name: str, store: Store, address: Address, axes: int) -> Device:
+    return drive_inverse(line, name, address.query, axes, repr(address.text))
 
 
-MACHINES[INVERSE3.record.model] = Machine(
+MACHINES[INVERSE3.record.model] = EmulatedMachine(
     "inverse", _inverse, _drive_inverse, keys_of(InverseSettings), INVERSE3, reports=True
 )
 
@@ -118,6 +120,6 @@ def make_firmware(
     if not isinstance(simulated, SimulatedDevice):
         raise DeviceError("sim:phantom: is no simulated device any more")
     try:
-        return machine.firmware(name, Body(simulated), seed, powered_at_m)
+        return machine.firmware(name, HeldTip(simulated), seed, powered_at_m)
     except ValueError as error:
         raise DeviceError(f"{name}: {error}") from None

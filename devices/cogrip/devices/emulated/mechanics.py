@@ -7,14 +7,14 @@ from collections.abc import Sequence
 
 from cogrip.devices.arm.kinematics import Matrix, Vector
 from cogrip.devices.arm.model import ArmModel
-from cogrip.devices.simulated.device import SimulatedDevice
 from cogrip.devices.simulated.hands import Hand
+from cogrip.devices.simulated.simulated_device import SimulatedDevice
 
 STEP_M = 1e-5  # step of the difference quotients that give the slopes
 STEP_HZ = 4096  # rate of the body's steps
 
 
-class Body:
+class HeldTip:
     """The arm's tip in somebody's hand: a simulated machine of three axes, stepped finely. Time 0 is when it was made."""
 
     def __init__(self, machine: SimulatedDevice, step_hz: int = STEP_HZ) -> None:
@@ -59,7 +59,7 @@ class Body:
 class Mechanics:
     """Motors and encoders of one arm. powered_at_m: where the tip was when the counters began, the home pose if not given."""
 
-    def __init__(self, model: ArmModel, body: Body, powered_at_m: Vector | None = None) -> None:
+    def __init__(self, model: ArmModel, body: HeldTip, powered_at_m: Vector | None = None) -> None:
         self.model = model
         self.body = body
         self.force_n: Vector = (0.0, 0.0, 0.0)  # what the motors push the hand with

@@ -7,7 +7,7 @@ import msgspec
 from msgspec import Meta
 
 from cogrip.devices.device import Device, DeviceError, at_most
-from cogrip.devices.forcedimension.device import ForceDimensionDevice
+from cogrip.devices.forcedimension.forcedimension_device import ForceDimensionDevice
 from cogrip.devices.forcedimension.models import RECORDS, axes_of, record_of
 from cogrip.devices.forcedimension.sdk import Sdk
 from cogrip.devices.registry import Family

@@ -2,16 +2,16 @@
 
 from collections.abc import Mapping
 
-from cogrip.devices.arm.exchange import Port
+from cogrip.devices.arm.exchange import ByteLine
 from cogrip.devices.arm.motors import NO_CURRENT
 from cogrip.devices.arm.pose import Store
 from cogrip.devices.device import Device, DeviceError
-from cogrip.devices.haply.device import HaplyDevice
 from cogrip.devices.haply.frames import HaplyCodec, reset_frame
+from cogrip.devices.haply.haply_device import HaplyDevice
 from cogrip.devices.haply.line import LAST_RESORT_ID
 from cogrip.devices.haply.models import MODELS, HaplyModel, HaplySettings, model_of
 from cogrip.devices.io.guard import Goodbye
-from cogrip.devices.io.port_names import SERIAL_PORT
+from cogrip.devices.io.line_names import SERIAL_LINE
 from cogrip.devices.registry import Family
 from cogrip.devices.settings import Address, Setting, check_axes, read_query
 
@@ -20,25 +20,25 @@ MAX_AXES = 2
 
 def family() -> Family:
     """The family `haply:`, for the registry."""
-    what = f"Haply's planar arms (2DIY, Pantograph) on a serial line, two axes: haply:{SERIAL_PORT}?model=2diy"
-    examples = tuple(f"haply:{SERIAL_PORT}?model={name}" for name in MODELS)
+    what = f"Haply's planar arms (2DIY, Pantograph) on a serial line, two axes: haply:{SERIAL_LINE}?model=2diy"
+    examples = tuple(f"haply:{SERIAL_LINE}?model={name}" for name in MODELS)
     stand_ins = tuple(f"emulated:{name}" for name in MODELS)
     return Family(what, make, examples, axes=lambda _: MAX_AXES, stand_ins=stand_ins, real=True)
 
 
 def make(address: Address, axes: int, defaults: Mapping[str, Setting]) -> Device:
-    """A driver; the port is not opened yet. Raises DeviceError for unknown keys and values out of bounds."""
+    """A driver; the line is not opened yet. Raises DeviceError for unknown keys and values out of bounds."""
     from cogrip.devices.io.calibration_store import CalibrationStore
-    from cogrip.devices.io.guarded_port import GuardedPort, any_number
+    from cogrip.devices.io.guarded_line import GuardedLine, any_number
 
     if not address.name:
         raise DeviceError(
-            f"{address.text!r}: name the port, such as haply:{SERIAL_PORT}; `cogrip devices find` lists them"
+            f"{address.text!r}: name the port, such as haply:{SERIAL_LINE}; `cogrip devices find` lists them"
         )
     name = f"haply:{address.name}"
     codec = HaplyCodec(_model(address, axes)[1].wiring, LAST_RESORT_ID)
-    port = GuardedPort(address.name, "haply", lambda: goodbye(codec))
-    return drive(port, name, CalibrationStore(), address, axes, codec, any_number())
+    line = GuardedLine(address.name, "haply", lambda: goodbye(codec))
+    return drive(line, name, CalibrationStore(), address, axes, codec, any_number())
 
 
 def goodbye(codec: HaplyCodec) -> Goodbye:
@@ -49,12 +49,18 @@ def goodbye(codec: HaplyCodec) -> Goodbye:
 
 
 def drive(
-    port: Port, name: str, store: Store, address: Address, axes: int, codec: HaplyCodec | None = None, number: int = 0
+    line: ByteLine,
+    name: str,
+    store: Store,
+    address: Address,
+    axes: int,
+    codec: HaplyCodec | None = None,
+    number: int = 0,
 ) -> HaplyDevice:
-    """The driver on a port of whatever kind. codec: that of the port's goodbye, where it has one; number: see `HaplyDevice`."""
+    """The driver on a line of whatever kind. codec: that of the line's goodbye, where it has one; number: see `HaplyDevice`."""
     settings, model = _model(address, axes)
     codec = codec or HaplyCodec(model.wiring, LAST_RESORT_ID)
-    return HaplyDevice(name, axes, port, codec, model, settings.pose, store, number)
+    return HaplyDevice(name, axes, line, codec, model, settings.pose, store, number)
 
 
 def _model(address: Address, axes: int) -> tuple[HaplySettings, HaplyModel]:

@@ -1,4 +1,4 @@
-"""A Haply board's port, which makes sure that the board is set up when the driver opens it.
+"""A Haply board's line, which makes sure that the board is set up when the driver opens it.
 
 The setup starts the counters at zero, so it stands for the pose: as long as the board answers to the id it was set up with,
 the counters go on. A board that lost its power, or that another program set up, knows another id or none, and answers with one
@@ -9,7 +9,7 @@ frame was cut off and another follows, no id that lands in a torque makes it one
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 
-from cogrip.devices.arm.exchange import Port
+from cogrip.devices.arm.exchange import ByteLine
 from cogrip.devices.device import DeviceError
 from cogrip.devices.haply.frames import HaplyCodec, reset_frame
 
@@ -24,35 +24,35 @@ _MARK = " id "
 
 @dataclass(frozen=True, slots=True)
 class SessionStart:
-    """The first exchange on an open port: the board is set up anew, its counters at zero, or must know this id."""
+    """The first exchange on an open line: the board is set up anew, its counters at zero, or must know this id."""
 
     device_id: int
     set_up: bool
 
 
 class HaplyLine:
-    """See `Port`. plan: asked at every `open`. known_id: that the last setup which was answered was made with, 0 for none."""
+    """See `ByteLine`. plan: asked at every `open`. known_id: of the last setup that was answered, 0 for none."""
 
-    def __init__(self, port: Port, codec: HaplyCodec, plan: Callable[[], SessionStart]) -> None:
-        self.name = port.name
+    def __init__(self, line: ByteLine, codec: HaplyCodec, plan: Callable[[], SessionStart]) -> None:
+        self.name = line.name
         self.known_id = 0
-        self._port = port
+        self._line = line
         self._codec = codec
         self._plan = plan
 
     @property
     def counts(self) -> Mapping[str, int]:
-        return self._port.counts
+        return self._line.counts
 
     def open(self) -> None:
         """Raises DeviceError where the board does not answer, or not to an id it should know: its motors are off then."""
         start = self._plan()
         self._codec.device_id = start.device_id
-        self._port.open()
+        self._line.open()
         try:
             self._begin(start)
         except DeviceError:
-            self._port.close()
+            self._line.close()
             raise
 
     def _begin(self, start: SessionStart) -> None:
@@ -76,30 +76,30 @@ class HaplyLine:
         codec = self._codec
         codec.reset()
         for frame in (reset_frame(codec.device_id), codec.wiring.setup(codec.device_id), codec.encode((0.0, 0.0))):
-            self._port.write(frame)
+            self._line.write(frame)
 
     def _answers(self) -> bool:
         codec = self._codec
         codec.reset()
         for _ in range(TRIES):
-            self._port.write(codec.encode((0.0, 0.0)))
-            if codec.feed(self._port.read(PATIENCE_S)):
+            self._line.write(codec.encode((0.0, 0.0)))
+            if codec.feed(self._line.read(PATIENCE_S)):
                 return True
         codec.reset()
         return False
 
     def write(self, frame: bytes) -> None:
-        self._port.write(frame)
+        self._line.write(frame)
 
     def read(self, wait_s: float = 0.0) -> bytes:
-        return self._port.read(wait_s)
+        return self._line.read(wait_s)
 
     def close(self) -> None:
-        self._port.close()
+        self._line.close()
 
     def stamp(self) -> str:
         """Stamp of the power-up and of the setup."""
-        plugged = self._port.stamp()
+        plugged = self._line.stamp()
         return f"{plugged}{_MARK}{self._codec.device_id}" if plugged else ""
 
 

@@ -5,7 +5,7 @@ from dataclasses import replace
 from typing import Literal
 
 from cogrip.devices.arm.driver import ArmDevice
-from cogrip.devices.arm.exchange import Exchange, Port
+from cogrip.devices.arm.exchange import ByteLine, RequestExchange
 from cogrip.devices.arm.model import ArmModel, ArmSettings
 from cogrip.devices.arm.models import MODELS
 from cogrip.devices.arm.pose import Store
@@ -53,17 +53,17 @@ def family() -> Family:
 def make(address: Address, axes: int, defaults: Mapping[str, Setting]) -> Device:
     """A driver; the device is not looked for yet. Raises DeviceError for unknown names and keys, and values out of bounds."""
     from cogrip.devices.io.calibration_store import CalibrationStore
-    from cogrip.devices.io.hid_port import HidPort
+    from cogrip.devices.io.hid_line import HidLine
 
     settings = _settings(address)
     marks = [f"{key}={address.query[key]}" for key in IDENTITY if key in address.query]
     name = f"hid:{address.name}{'?' if marks else ''}{'&'.join(marks)}"
-    port = HidPort(name, VARIANTS[settings.variant], settings.backend, settings.path, settings.serial)
-    return drive(port, name, CalibrationStore(), address, axes)
+    line = HidLine(name, VARIANTS[settings.variant], settings.backend, settings.path, settings.serial)
+    return drive(line, name, CalibrationStore(), address, axes)
 
 
-def drive(port: Port, name: str, store: Store, address: Address, axes: int) -> ArmDevice:
-    """The driver on a port of whatever kind."""
+def drive(line: ByteLine, name: str, store: Store, address: Address, axes: int) -> ArmDevice:
+    """The driver on a line of whatever kind."""
     where = repr(address.text)
     check_axes(axes, where)
     settings = _settings(address)
@@ -73,7 +73,7 @@ def drive(port: Port, name: str, store: Store, address: Address, axes: int) -> A
 
     # a report does not say what arm it comes from: whatever it is, it is the one of the address
     return ArmDevice(
-        name, axes, Exchange(port, CODECS[settings.variant]()), lambda _: model, settings.pose, model, store
+        name, axes, RequestExchange(line, CODECS[settings.variant]()), lambda _: model, settings.pose, model, store
     )
 
 

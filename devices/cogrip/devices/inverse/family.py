@@ -7,10 +7,10 @@ from typing import Annotated, Literal
 import msgspec
 from msgspec import Meta
 
-from cogrip.devices.arm.exchange import Port
+from cogrip.devices.arm.exchange import ByteLine
 from cogrip.devices.arm.kinematics import Vector
 from cogrip.devices.device import Capability, Device, DeviceError, at_most, encoder_record
-from cogrip.devices.inverse.device import InverseDevice
+from cogrip.devices.inverse.inverse_device import InverseDevice
 from cogrip.devices.inverse.messages import BUTTONS, Dialect, InverseCodec
 from cogrip.devices.registry import Family
 from cogrip.devices.settings import Address, Setting, check_axes, read_query
@@ -58,14 +58,14 @@ def family() -> Family:
 
 def make(address: Address, axes: int, defaults: Mapping[str, Setting]) -> Device:
     """A driver; nothing is connected yet. Raises DeviceError for unknown keys and values out of bounds."""
-    from cogrip.devices.io.websocket_port import WebsocketPort
+    from cogrip.devices.io.websocket_line import WebsocketLine
 
-    host, port = host_and_port(address)
+    host, port = service_address(address)
     name = f"inverse:{address.name}"
-    return drive(WebsocketPort(name, host, port), name, {**defaults, **address.query}, axes, repr(address.text))
+    return drive(WebsocketLine(name, host, port), name, {**defaults, **address.query}, axes, repr(address.text))
 
 
-def host_and_port(address: Address) -> tuple[str, int]:
+def service_address(address: Address) -> tuple[str, int]:
     """Return where the service is. Raises DeviceError."""
     host, colon, port = address.name.rpartition(":") if ":" in address.name else (address.name, "", "")
     if colon and not (port.isascii() and port.isdigit() and 0 < int(port) < 65536):
@@ -73,10 +73,10 @@ def host_and_port(address: Address) -> tuple[str, int]:
     return host or DEFAULT[0], int(port) if colon else DEFAULT[1]
 
 
-def drive(port: Port, name: str, query: Mapping[str, Setting], axes: int, where: str) -> InverseDevice:
-    """The driver on a port of whatever kind. Raises DeviceError."""
+def drive(line: ByteLine, name: str, query: Mapping[str, Setting], axes: int, where: str) -> InverseDevice:
+    """The driver on a line of whatever kind. Raises DeviceError."""
     check_axes(axes, where)
     settings = read_query(InverseSettings, query, where)
     codec = InverseCodec(settings.device, settings.grip, settings.command)
     record = at_most(RECORD.first(axes), settings.peak_force_n)
-    return InverseDevice(name, record, port, codec, settings.centre_m, uncalibrated=settings.uncalibrated == "allow")
+    return InverseDevice(name, record, line, codec, settings.centre_m, uncalibrated=settings.uncalibrated == "allow")

@@ -1,1 +1,1 @@
-"""The only modules of the devices that touch ports, vendor libraries, clocks, threads, processes and files."""
+"""The only modules of the devices that touch lines, vendor libraries, clocks, threads, processes and files."""

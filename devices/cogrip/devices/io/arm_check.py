@@ -3,8 +3,8 @@
 import time
 from collections.abc import Callable, Sequence
 
-from cogrip.devices.arm.check import Measured
-from cogrip.devices.arm.exchange import Exchange, Reading, meet
+from cogrip.devices.arm.check import ArmFindings
+from cogrip.devices.arm.exchange import Reading, RequestExchange, meet
 from cogrip.devices.device import DeviceError
 
 MOST_TEST_MA = 200.0
@@ -18,9 +18,9 @@ _JOINTS = 3
 
 
 class ArmCheck:
-    """One arm that nobody holds. The port is open between `begin` and `end`."""
+    """One arm that nobody holds. The line is open between `begin` and `end`."""
 
-    def __init__(self, exchange: Exchange, current_ma: float) -> None:
+    def __init__(self, exchange: RequestExchange, current_ma: float) -> None:
         if not 0.0 < current_ma <= MOST_TEST_MA:
             raise DeviceError(f"test current {current_ma:g} mA is out of 0 to {MOST_TEST_MA:g}")
         self._exchange = exchange
@@ -31,43 +31,43 @@ class ArmCheck:
         self._high: list[int] = []
 
     def begin(self) -> Reading:
-        port = self._exchange.port
-        port.open()
+        line = self._exchange.line
+        line.open()
         try:
             reading = meet(self._exchange, ZERO)
         except DeviceError:
-            port.close()
+            line.close()
             raise
         self._seen(reading)
         return reading
 
     def end(self) -> None:
         """Zero, twice, and let go."""
-        port, codec = self._exchange.port, self._exchange.codec
+        line, codec = self._exchange.line, self._exchange.codec
         try:
             for _ in range(2):
-                port.read(0.02)
-                port.write(codec.encode(ZERO))
+                line.read(0.02)
+                line.write(codec.encode(ZERO))
         except DeviceError:
             pass  # it is lost: its own watchdog lets go
         finally:
-            port.close()
+            line.close()
 
     def _ask(self, currents: Sequence[float], wait_s: float = 0.02) -> Reading | None:
         """One request, one reply."""
-        port, codec = self._exchange.port, self._exchange.codec
+        line, codec = self._exchange.line, self._exchange.codec
         self._requests += 1
-        port.write(codec.encode(currents))
+        line.write(codec.encode(currents))
         until_s = time.perf_counter() + wait_s
         while (rest_s := until_s - time.perf_counter()) > 0.0:
-            readings = codec.feed(port.read(rest_s))
+            readings = codec.feed(line.read(rest_s))
             if readings and not readings[-1].rejected:
                 self._seen(readings[-1])
                 return readings[-1]
             if readings:  # its counts are old
                 break
         else:
-            port.read(LATE_S)  # else a late reply would be taken for the next one's
+            line.read(LATE_S)  # else a late reply would be taken for the next one's
         self._missed += 1
         codec.reset()
         return None
@@ -99,7 +99,7 @@ class ArmCheck:
                 latencies.append(1e6 * (time.perf_counter() - asked_s))
         rate_hz = requests / (time.perf_counter() - begun_s)
         if not latencies:
-            raise DeviceError(f"{self._exchange.port.name}: answered none of {requests} requests")
+            raise DeviceError(f"{self._exchange.line.name}: answered none of {requests} requests")
         return rate_hz, sorted(latencies)
 
     def noise(self, seconds: float = 0.5) -> tuple[int, ...]:
@@ -130,7 +130,7 @@ class ArmCheck:
         """The person moves the arm; the range is noted."""
         self._paced(seconds, lambda _: ZERO)
 
-    def measured(self, progress: Callable[[str], None], moving_s: float) -> Measured:
+    def measured(self, progress: Callable[[str], None], moving_s: float) -> ArmFindings:
         """All of it. `progress` says what comes next."""
         progress("rate and latency")
         rate_hz, latencies = self.speed()
@@ -144,7 +144,7 @@ class ArmCheck:
         if moving_s > 0.0:
             progress(f"now move the arm through its whole range, for {moving_s:g} s")
             self.watch(moving_s)
-        return Measured(
+        return ArmFindings(
             self._requests, self._missed, rate_hz, latencies[len(latencies) // 2], latencies[int(0.99 * len(latencies))],
             noise, tuple(forward), tuple(backward), tuple(self._low), tuple(self._high),
             tuple(self._most_moved),

@@ -1,6 +1,6 @@
 """A process that takes the torque off a board without a watchdog when the driver cannot: `python -m cogrip.devices.io.guard`.
 
-It inherits the port, a page of memory and a pipe. The driver counts its writes in the page; the pipe ends when the driver does,
+It inherits the line, a page of memory and a pipe. The driver counts its writes in the page; the pipe ends when the driver does,
 whatever it died of. Then, or when a driver that left a torque on the motors has not written for STALL_NS, the guard writes zero
 torque. After the end of its driver it ends too; after a stall it goes on guarding, and says so in the page.
 
@@ -69,73 +69,73 @@ class StallWatch:
         return True
 
 
-def take_off(port: int, goodbye: Goodbye) -> bool:
+def take_off(line: int, goodbye: Goodbye) -> bool:
     """Zero torque, until the board has shown that it understood. False where it did not, and got the last resort."""
     good = 0
     for _ in range(TRIES):
-        _drop_input(port)
-        _write(port, goodbye.zero, goodbye.reply_s)
-        good += _reply(port, goodbye)
+        _drop_input(line)
+        _write(line, goodbye.zero, goodbye.reply_s)
+        good += _reply(line, goodbye)
         if good >= GOOD:
             return True
     for frame in goodbye.last_resort:
-        _write(port, frame, goodbye.reply_s)
+        _write(line, frame, goodbye.reply_s)
         select.select([], [], [], 0.002)  # the board reads a frame at a time
     return False
 
 
-def _write(port: int, frame: bytes, within_s: float) -> None:
-    """Write as much as the port takes in that time."""
+def _write(line: int, frame: bytes, within_s: float) -> None:
+    """Write as much as the line takes in that time."""
     until_s = time.monotonic() + within_s
     while frame and (rest_s := until_s - time.monotonic()) > 0.0:
-        if select.select([], [port], [], rest_s)[1]:
+        if select.select([], [line], [], rest_s)[1]:
             with suppress(BlockingIOError):
-                frame = frame[os.write(port, frame) :]
+                frame = frame[os.write(line, frame) :]
 
 
-def _drop_input(port: int) -> None:
+def _drop_input(line: int) -> None:
     with suppress(BlockingIOError):
-        while select.select([port], [], [], 0.0)[0] and os.read(port, 4096):
+        while select.select([line], [], [], 0.0)[0] and os.read(line, 4096):
             pass
 
 
-def _reply(port: int, goodbye: Goodbye) -> bool:
+def _reply(line: int, goodbye: Goodbye) -> bool:
     """Return True if a valid reply came in time."""
     data = b""
     until_s = time.monotonic() + goodbye.reply_s
     while len(data) < goodbye.reply_bytes and (rest_s := until_s - time.monotonic()) > 0.0:
-        if select.select([port], [], [], rest_s)[0]:
+        if select.select([line], [], [], rest_s)[0]:
             with suppress(BlockingIOError):
-                received = os.read(port, 4096)
+                received = os.read(line, 4096)
                 if not received:
                     break
                 data += received
     return len(data) >= goodbye.reply_bytes and data.startswith(goodbye.reply_head)
 
 
-def guard(driver: int, port: int, pipe: int, page: memoryview, goodbye: Goodbye) -> None:
+def guard(driver: int, line: int, pipe: int, page: memoryview, goodbye: Goodbye) -> None:
     """Until the process `driver`, its parent, ends."""
     watch = StallWatch(goodbye.stall_ns)
     while True:
         ended = bool(select.select([pipe], [], [], LOOK_S)[0])
         # a child of the driver may have inherited the pipe and hold it open
         if ended or os.getppid() != driver:
-            take_off(port, goodbye)
+            take_off(line, goodbye)
             return
         if watch.stalled(page[BEATS], bool(page[PUSHING]), time.monotonic_ns()):
             page[STEPPED_IN] += 1  # first: a driver that wakes up now must not write over the zero
-            take_off(port, goodbye)
+            take_off(line, goodbye)
 
 
 def main(arguments: list[str]) -> int:
     for number in IGNORED_BY_GUARD:
         signal.signal(number, signal.SIG_IGN)
-    driver, port, pipe, ready, memory = map(int, arguments[:5])
+    driver, line, pipe, ready, memory = map(int, arguments[:5])
     goodbye = msgspec.json.decode(bytes.fromhex(arguments[5]), type=Goodbye)
     with mmap.mmap(memory, 8 * WORDS) as page, memoryview(page) as raw, raw.cast("Q") as words:
         os.write(ready, READY)
-        with suppress(OSError):  # the port is gone, and the torque with the power
-            guard(driver, port, pipe, words, goodbye)
+        with suppress(OSError):  # the line is gone, and the torque with the power
+            guard(driver, line, pipe, words, goodbye)
     return 0
 
 

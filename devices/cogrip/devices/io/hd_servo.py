@@ -44,7 +44,7 @@ def servo_of(library: str) -> Servo:
     return _servos[hd._handle]
 
 
-class Frame:
+class ServoFrame:
     """See `Mailbox.frame` for what a frame decides. `over` ends the frames: the device is not touched any more."""
 
     def __init__(self, hd: ctypes.CDLL, handle: int, mailbox: Mailbox, take_errors: Callable[[], None]) -> None:
@@ -124,7 +124,7 @@ class Servo:
 
     def __init__(self, hd: ctypes.CDLL) -> None:
         self.hd = hd
-        self.links: dict[int, Link] = {}
+        self.links: dict[int, ServoDevice] = {}
         self._running = False
         self._strays: list[ErrorReport] | None = None
         self._kept: list[Any] = []
@@ -136,7 +136,7 @@ class Servo:
         for link in tuple(self.links.values()):
             link.close()
 
-    def connect(self, name: str, mailbox: Mailbox) -> Link:
+    def connect(self, name: str, mailbox: Mailbox) -> ServoDevice:
         """The device that the vendor's settings call `name`, "" for the default one; no force flows yet. Raises DeviceError."""
         where = f"openhaptics:{name}"
         strays: list[ErrorReport] = []
@@ -148,7 +148,7 @@ class Servo:
             raise DeviceError(f"{where}: is open already as {self.links[handle].where}; close that one first")
         if handle == INVALID_HANDLE:
             raise failed(where, "is not to be had", reports)
-        link = self.links[handle] = Link(self, handle, where, mailbox)
+        link = self.links[handle] = ServoDevice(self, handle, where, mailbox)
         try:
             link.check("is not to be had", reports)
             if not self._running:
@@ -189,7 +189,7 @@ class Servo:
         self._kept.append(callback)  # for ever: nothing says when the servo is through with it
         self._tickets.append(self.hd.hdScheduleAsynchronous(callback, None, MAX_PRIORITY))
 
-    def forget(self, link: Link) -> None:
+    def forget(self, link: ServoDevice) -> None:
         """Disable the device; the last one stops the servo. Stop, unschedule, disable: the order of the toolkit's examples."""
         self.links.pop(link.handle, None)
         if self._running and not self.links:
@@ -227,7 +227,7 @@ def failed(where: str, what: str, reports: list[ErrorReport]) -> DeviceError:
     return DeviceError(f"{where}: {what}: {first.text} (error 0x{first.code:x}); {cure_for(first.code)}")
 
 
-class Link:
+class ServoDevice:
     """One device of a servo. Verbs raise DeviceError with the library's words."""
 
     def __init__(self, servo: Servo, handle: int, where: str, mailbox: Mailbox) -> None:
@@ -235,7 +235,7 @@ class Link:
         self.handle = handle
         self.where = where
         self.mailbox = mailbox
-        self._frame = Frame(servo.hd, handle, mailbox, lambda: servo.sort(pop_errors(servo.hd)))
+        self._frame = ServoFrame(servo.hd, handle, mailbox, lambda: servo.sort(pop_errors(servo.hd)))
 
     def facts(self) -> Facts:
         """Facts that the library reports about the device."""

@@ -1,11 +1,11 @@
-"""Input reports of a SpaceMouse, by hidapi; or of a stand-in behind a local socket, as `HidPort` has it."""
+"""Input reports of a SpaceMouse, by hidapi; or of a stand-in behind a local socket, as `HidLine` has it."""
 
 import os
 from typing import Any
 
 from cogrip.devices.device import DeviceError
 from cogrip.devices.hid.enumeration import Found
-from cogrip.devices.io.hid_port import found_devices, load_hidapi
+from cogrip.devices.io.hid_line import found_devices, load_hidapi
 from cogrip.devices.io.report_socket import SocketDevice, is_socket
 from cogrip.devices.steered.spacemouse import USB_IDS, SpaceMouseDecoder
 

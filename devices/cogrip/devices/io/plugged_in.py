@@ -15,7 +15,7 @@ from cogrip.devices.hid.enumeration import VARIANTS, Found, Variant, choose
 from cogrip.devices.hid.family import NAMES as HID_NAMES
 from cogrip.devices.inverse.family import DEFAULT as INVERSE_SERVICE
 from cogrip.devices.io.event_file import found_gamepads
-from cogrip.devices.io.hid_port import found_devices, load_hidapi
+from cogrip.devices.io.hid_line import found_devices, load_hidapi
 from cogrip.devices.io.hid_reports import MULTI_AXIS
 from cogrip.devices.io.platform import LINUX
 from cogrip.devices.steered.spacemouse import USB_IDS
@@ -39,12 +39,14 @@ class PluggedIn:
     text: str
 
 
-def serial_ports(ports: Iterable[ListPortInfo], links: Mapping[str, str]) -> list[PluggedIn]:
+def plugged_in_lines(ports: Iterable[ListPortInfo], links: Mapping[str, str]) -> list[PluggedIn]:
     """The devices among serial ports. links: device node -> a name for it that stays when others are plugged in."""
-    return [_port(port, links.get(port.device, port.device)) for port in sorted(ports, key=lambda port: port.device)]
+    return [
+        _plugged_in(port, links.get(port.device, port.device)) for port in sorted(ports, key=lambda port: port.device)
+    ]
 
 
-def _port(port: ListPortInfo, path: str) -> PluggedIn:
+def _plugged_in(port: ListPortInfo, path: str) -> PluggedIn:
     number = "" if port.vid is None else f" {port.vid:04x}:{port.pid or 0:04x}"
     said = shown(f"{port.product or 'serial port'}{number} at {port.device}") + (
         f", serial number {shown(port.serial_number)}" if port.serial_number else ""
@@ -104,7 +106,7 @@ def stable_names(folder: Path = BY_ID) -> dict[str, str]:
 def _find_serial() -> list[PluggedIn]:
     """List serial ports without those of the mainboard, behind which nothing can be detected."""
     ports = [port for port in list_ports.comports() if port.vid is not None or not LINUX]
-    return serial_ports(ports, stable_names())
+    return plugged_in_lines(ports, stable_names())
 
 
 def _find_hid() -> list[PluggedIn]:

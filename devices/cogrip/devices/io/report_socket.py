@@ -1,7 +1,7 @@
 """HID reports over a local socket that keeps their borders: an emulated arm's end, and that of a program.
 
 It stands for the bus. A virtual HID device of the system's own (/dev/uhid) needs the superuser and a kernel module; this needs
-neither. `HidPort` takes a socket for the path as it takes /dev/hidraw0, and everything above hidapi is the same.
+neither. `HidLine` takes a socket for the path as it takes /dev/hidraw0, and everything above hidapi is the same.
 """
 
 import select

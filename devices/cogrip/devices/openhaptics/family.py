@@ -7,9 +7,9 @@ import msgspec
 from msgspec import Meta
 
 from cogrip.devices.device import Device, at_most
-from cogrip.devices.openhaptics.device import Link, OpenHapticsDevice
 from cogrip.devices.openhaptics.mailbox import Mailbox
 from cogrip.devices.openhaptics.models import CAUTIOUS, RECORDS
+from cogrip.devices.openhaptics.openhaptics_device import HdDevice, OpenHapticsDevice
 from cogrip.devices.registry import Family
 from cogrip.devices.settings import Address, Setting, check_axes, read_query
 
@@ -43,7 +43,7 @@ def make(address: Address, axes: int, defaults: Mapping[str, Setting]) -> Device
     settings = read_query(OpenHapticsSettings, {**defaults, **address.query}, where)
     record = at_most(RECORDS[settings.model or CAUTIOUS].first(axes), settings.peak_force_n)
 
-    def connect(mailbox: Mailbox) -> Link:
+    def connect(mailbox: Mailbox) -> HdDevice:
         from cogrip.devices.io.hd_servo import servo_of
 
         return servo_of(settings.library).connect(address.name, mailbox)

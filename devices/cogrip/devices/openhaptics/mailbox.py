@@ -50,7 +50,7 @@ class News(NamedTuple):
     orientation: Quaternion | None = None
 
 
-class Order(NamedTuple):
+class ForceOrder(NamedTuple):
     """Written by the loop's thread. number tells an order from the one before it; force is on the hand, in our axes [N]."""
 
     number: int
@@ -68,7 +68,7 @@ class Mailbox:
         self.counts = counts
         self.news: News | None = None
         self.lost = ""  # why the device is lost; final
-        self.order = Order(0, ZERO)
+        self.order = ForceOrder(0, ZERO)
         self._obeyed = 0
         self._frame = 0
         self._age = HOLD_FRAMES
@@ -78,7 +78,7 @@ class Mailbox:
 
     def say(self, force: Vector) -> None:
         """Loop: this force on the hand from the next frame on [N]."""
-        self.order = Order(self.order.number + 1, force)
+        self.order = ForceOrder(self.order.number + 1, force)
 
     def trouble(self, code: int, text: str) -> None:
         """Servo: the library reports an error of this device. A force error drops one frame's force, any other ends it."""

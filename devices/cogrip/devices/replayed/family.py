@@ -7,7 +7,7 @@ from cogrip.devices.device import Device, DeviceError
 from cogrip.devices.recorded_motion import axes_of as recorded_axes
 from cogrip.devices.recorded_motion import find
 from cogrip.devices.registry import Family
-from cogrip.devices.replayed.device import ReplayedDevice
+from cogrip.devices.replayed.replayed_device import ReplayedDevice
 from cogrip.devices.replayed.sources import RunSettings, RunSource, TableSettings, TableSource
 from cogrip.devices.settings import Address, Setting, check_axes, read_query
 

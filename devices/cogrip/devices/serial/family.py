@@ -4,12 +4,12 @@ from collections.abc import Mapping
 from typing import Literal
 
 from cogrip.devices.arm.driver import ArmDevice
-from cogrip.devices.arm.exchange import Exchange, Port
+from cogrip.devices.arm.exchange import ByteLine, RequestExchange
 from cogrip.devices.arm.model import ArmModel, ArmSettings
 from cogrip.devices.arm.models import MODELS
 from cogrip.devices.arm.pose import Store
 from cogrip.devices.device import Device, DeviceError
-from cogrip.devices.io.port_names import SERIAL_PORT
+from cogrip.devices.io.line_names import SERIAL_LINE
 from cogrip.devices.registry import Family
 from cogrip.devices.serial.frames import MODELS as NUMBERS
 from cogrip.devices.serial.frames import BracketCodec
@@ -24,25 +24,25 @@ class SerialSettings(ArmSettings, frozen=True, kw_only=True):
 
 def family() -> Family:
     """The family `serial:`, for the registry."""
-    what = f"arms on a serial line (hfab protocol: Polhem, vintage Phantom, WoodenHaptics): serial:{SERIAL_PORT}?model=vintage"
-    examples = tuple(f"serial:{SERIAL_PORT}?model={name}" for name in NUMBERS.values())
+    what = f"arms on a serial line (hfab protocol: Polhem, vintage Phantom, WoodenHaptics): serial:{SERIAL_LINE}?model=vintage"
+    examples = tuple(f"serial:{SERIAL_LINE}?model={name}" for name in NUMBERS.values())
     return Family(what, make, examples, real=True, stand_ins=tuple(f"emulated:{name}" for name in NUMBERS.values()))
 
 
 def make(address: Address, axes: int, defaults: Mapping[str, Setting]) -> Device:
-    """A driver; the port is not opened yet. Raises DeviceError for unknown keys and values out of bounds."""
+    """A driver; the line is not opened yet. Raises DeviceError for unknown keys and values out of bounds."""
     from cogrip.devices.io.calibration_store import CalibrationStore
-    from cogrip.devices.io.serial_port import SerialPort
+    from cogrip.devices.io.serial_line import SerialLine
 
     if not address.name:
         raise DeviceError(
-            f"{address.text!r}: name the port, such as serial:{SERIAL_PORT}; `cogrip devices find` lists them"
+            f"{address.text!r}: name the port, such as serial:{SERIAL_LINE}; `cogrip devices find` lists them"
         )
-    return drive(SerialPort(address.name, "serial"), f"serial:{address.name}", CalibrationStore(), address, axes)
+    return drive(SerialLine(address.name, "serial"), f"serial:{address.name}", CalibrationStore(), address, axes)
 
 
-def drive(port: Port, name: str, store: Store, address: Address, axes: int) -> ArmDevice:
-    """The driver on a port of whatever kind."""
+def drive(line: ByteLine, name: str, store: Store, address: Address, axes: int) -> ArmDevice:
+    """The driver on a line of whatever kind."""
     where = repr(address.text)
     check_axes(axes, where)
     settings = read_query(SerialSettings, address.query, where)
@@ -59,4 +59,4 @@ def drive(port: Port, name: str, store: Store, address: Address, axes: int) -> A
         return MODELS[said].with_settings(settings, where)
 
     stated = known(settings.model) if settings.model else None
-    return ArmDevice(name, axes, Exchange(port, BracketCodec()), known, settings.pose, stated, store)
+    return ArmDevice(name, axes, RequestExchange(line, BracketCodec()), known, settings.pose, stated, store)

@@ -23,13 +23,13 @@ from cogrip.devices.simulated import (
     recorded_hand,
     waypoints,
 )
-from cogrip.devices.simulated.device import Plant, SimulatedDevice
 from cogrip.devices.simulated.presses import read_presses
+from cogrip.devices.simulated.simulated_device import Plant, SimulatedDevice
 from cogrip.protocol.axes import GRIP_AXES, PLACES, POSE_AXES
 
 
 @dataclass(frozen=True, slots=True)
-class Machine:
+class SimulatedMachine:
     """A simulated machine: its query keys, its record, its plant; of more than MOST_AXES axes it turns, or has a gripper."""
 
     settings: type[msgspec.Struct]
@@ -52,12 +52,14 @@ class HandKind:
     turns: Literal["", "can", "only"] = ""
 
 
-MACHINES: dict[str, Machine] = {
-    "ideal": Machine(ideal.IdealSettings, ideal.capability, ideal.IdealPlant),
-    "phantom": Machine(phantom.PhantomSettings, phantom.capability, phantom.PhantomPlant),
-    "freeflyer": Machine(pose.FreeflyerSettings, pose.freeflyer, pose.freeflyer_plant, POSE_AXES),
-    "phantom6": Machine(pose.Phantom6Settings, pose.phantom6, pose.phantom6_plant, POSE_AXES),
-    "gripper": Machine(gripper.GripperSettings, gripper.record, gripper.plant, GRIP_AXES, gripper.SqueezingHand),
+MACHINES: dict[str, SimulatedMachine] = {
+    "ideal": SimulatedMachine(ideal.IdealSettings, ideal.capability, ideal.IdealPlant),
+    "phantom": SimulatedMachine(phantom.PhantomSettings, phantom.capability, phantom.PhantomPlant),
+    "freeflyer": SimulatedMachine(pose.FreeflyerSettings, pose.freeflyer, pose.freeflyer_plant, POSE_AXES),
+    "phantom6": SimulatedMachine(pose.Phantom6Settings, pose.phantom6, pose.phantom6_plant, POSE_AXES),
+    "gripper": SimulatedMachine(
+        gripper.GripperSettings, gripper.record, gripper.plant, GRIP_AXES, gripper.SqueezingHand
+    ),
 }
 
 HANDS: dict[str, HandKind] = {

@@ -25,7 +25,7 @@ _DECIMAL_COMMA = re.compile(r"\s*[+-]?\d*,\d+([eE][+-]?\d+)?\s*")
 
 
 @dataclass(frozen=True, slots=True)
-class Table:
+class CsvRows:
     """Column names with the number of their line, and rows with theirs. header: None where no line has names."""
 
     path: str
@@ -81,7 +81,7 @@ def split_unit(name: str) -> tuple[str, str]:
     return (match["name"], match["unit"]) if match else (name, "")
 
 
-def read_table(path: str, wanted: Sequence[str]) -> Table:
+def read_table(path: str, wanted: Sequence[str]) -> CsvRows:
     """Read a file with the separator that gives the columns `wanted`; where none does, numbers, and most columns.
 
     Raises DeviceError where the file cannot be read, and for a row with more cells than there are columns.
@@ -102,7 +102,7 @@ def read_table(path: str, wanted: Sequence[str]) -> Table:
     return table
 
 
-def _split(path: str, text: str, separator: str, wanted: Sequence[str]) -> Table:
+def _split(path: str, text: str, separator: str, wanted: Sequence[str]) -> CsvRows:
     """Return the table with this separator."""
     reader = csv.reader(io.StringIO(text, newline=""), delimiter=separator)
     rows: list[tuple[int, list[str]]] = []
@@ -113,13 +113,13 @@ def _split(path: str, text: str, separator: str, wanted: Sequence[str]) -> Table
         elif row and not rows:
             before = reader.line_num, [row[0].lstrip().lstrip(COMMENT), *row[1:]]
     if not rows:
-        return Table(path, separator, *_stripped(*before), [])
+        return CsvRows(path, separator, *_stripped(*before), [])
     line, first = rows[0]
     if set(wanted) <= {cell.strip() for cell in first} or not _is_numbers(first, separator):
-        return Table(path, separator, *_stripped(line, first), rows[1:])
+        return CsvRows(path, separator, *_stripped(line, first), rows[1:])
     if len(before[1]) == len(first):
-        return Table(path, separator, *_stripped(*before), rows)
-    return Table(path, separator, None, [str(place + 1) for place in range(len(first))], rows)
+        return CsvRows(path, separator, *_stripped(*before), rows)
+    return CsvRows(path, separator, None, [str(place + 1) for place in range(len(first))], rows)
 
 
 def _stripped(line: int | None, names: Sequence[str]) -> tuple[int | None, list[str]]:
@@ -151,7 +151,7 @@ def _text(data: bytes) -> str:
         return data.decode("cp1252")
 
 
-def _fit(table: Table, wanted: Sequence[str]) -> tuple[int, bool, int]:
+def _fit(table: CsvRows, wanted: Sequence[str]) -> tuple[int, bool, int]:
     """Return how many of the columns `wanted` a table has, whether it begins with numbers, and how many columns it has."""
     known = {each for name in table.names for each in (name, split_unit(name)[0])}
     return add_integers(name in known for name in wanted), table.header is None, len(table.names)

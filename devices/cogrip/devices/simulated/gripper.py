@@ -11,7 +11,6 @@ from msgspec.structs import replace as with_values
 
 from cogrip.devices.device import Capability, DeviceError, Gripper, Sample
 from cogrip.devices.settings import Finite, NotNegative, Positive
-from cogrip.devices.simulated.device import Plant
 from cogrip.devices.simulated.hands import (
     DirectedHand,
     Hand,
@@ -23,6 +22,7 @@ from cogrip.devices.simulated.hands import (
 from cogrip.devices.simulated.ideal import ADVISED_AT_HZ
 from cogrip.devices.simulated.phantom import PhantomPlant, PhantomSettings
 from cogrip.devices.simulated.phantom import capability as phantom_record
+from cogrip.devices.simulated.simulated_device import Plant
 from cogrip.protocol.axes import GRIP_AXES, PLACES
 
 GRIP_M = (0.0, 0.03)  # opening at the end stops, closed and open

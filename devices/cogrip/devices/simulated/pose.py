@@ -20,12 +20,12 @@ from msgspec import Meta
 
 from cogrip.devices.device import Capability, Rotation, Sample
 from cogrip.devices.settings import Finite, NotNegative, Positive
-from cogrip.devices.simulated.device import Plant
 from cogrip.devices.simulated.hands import Hand, ImpedanceSettings, Vector
 from cogrip.devices.simulated.ideal import IdealPlant, IdealSettings
 from cogrip.devices.simulated.ideal import capability as ideal_record
 from cogrip.devices.simulated.phantom import PhantomPlant, PhantomSettings
 from cogrip.devices.simulated.phantom import capability as phantom_record
+from cogrip.devices.simulated.simulated_device import Plant
 from cogrip.protocol.axes import PLACES, POSE_AXES
 from cogrip.protocol.laws.rotations import UNTURNED, between, exp, log, product
 

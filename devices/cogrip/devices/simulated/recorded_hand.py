@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from cogrip.devices.device import DeviceError
 from cogrip.devices.settings import Finite, NotNegative, Positive, unknown
-from cogrip.devices.simulated.csv_table import METRES, SECONDS, Table, read_table
+from cogrip.devices.simulated.csv_table import METRES, SECONDS, CsvRows, read_table
 from cogrip.devices.simulated.hands import ImpedanceSettings, Vector
 
 Array: TypeAlias = NDArray[np.float64]
@@ -50,7 +50,7 @@ class RecordedSettings(ImpedanceSettings, frozen=True, kw_only=True):
 
 
 @dataclass(frozen=True, slots=True)
-class Recording:
+class HandRecording:
     """time_s [s], shape (n,), from 0, strictly rising; position_m [m], shape (n, axes), as recorded."""
 
     time_s: Array
@@ -117,7 +117,7 @@ class RecordedHand:
         return k % (self._last + 1) if self._settings.loop else self._last
 
 
-def read_recording(path: str, settings: RecordedSettings, axes: int) -> Recording:
+def read_recording(path: str, settings: RecordedSettings, axes: int) -> HandRecording:
     """Read the columns `settings` names; rows are counted as lines of the file. Of rows with one time and one place one counts.
 
     Raises DeviceError: file cannot be read, column missing (with the nearest name and the list), unit unknown, cell not a
@@ -157,11 +157,11 @@ def read_recording(path: str, settings: RecordedSettings, axes: int) -> Recordin
     position = np.zeros((len(time), axes))
     for axis, (scale, column) in columns.items():
         position[:, axis] = scale * np.asarray(column)
-    return Recording(time_scale * (time - time[0]), position)
+    return HandRecording(time_scale * (time - time[0]), position)
 
 
 def _read_rows(
-    table: Table, settings: RecordedSettings
+    table: CsvRows, settings: RecordedSettings
 ) -> tuple[float, list[int], list[float], dict[int, tuple[float, list[float]]]]:
     """Seconds per unit of time, line numbers, times and axis -> (metres per unit, positions), as they stand in the file."""
     wanted = {axis: name for axis, name in enumerate((settings.x, settings.y, settings.z)) if name is not None}
@@ -174,7 +174,7 @@ def _read_rows(
     return time_scale, lines, table.numbers(chosen, lines, time), positions
 
 
-def _choose(table: Table, where: str | None) -> tuple[list[int], list[list[str]]]:
+def _choose(table: CsvRows, where: str | None) -> tuple[list[int], list[list[str]]]:
     """Line numbers and rows that `where` keeps."""
     kept = table.rows
     if where is not None:

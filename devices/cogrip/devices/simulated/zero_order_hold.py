@@ -29,7 +29,7 @@ _TERMS = 18
 
 
 @dataclass(frozen=True, slots=True)
-class Step:
+class TickStep:
     """Coefficients of one tick: p [s], q [1], g [m/N], h [m/(s N)] as above; K [N/m] of the rest force."""
 
     p: float
@@ -40,7 +40,7 @@ class Step:
 
 
 @lru_cache(maxsize=1024)
-def discretise(mass_kg: float, damping_nspm: float, stiffness_npm: float, rate_hz: int) -> Step:
+def discretise(mass_kg: float, damping_nspm: float, stiffness_npm: float, rate_hz: int) -> TickStep:
     """The exact step of one tick of 1/rate_hz seconds."""
     k, c = stiffness_npm / mass_kg, damping_nspm / mass_kg
     doublings = max(0, ceil(log2(max(sqrt(k), c, 0.5 * rate_hz) / (0.5 * rate_hz))))
@@ -49,7 +49,7 @@ def discretise(mass_kg: float, damping_nspm: float, stiffness_npm: float, rate_h
     q = 1.0 - k * G - c * p
     for _ in range(doublings):
         p, G, q = p * (1.0 - k * G + q), G * (2.0 - k * G) + p * p, q * q - k * p * p
-    return Step(p=p, q=q, g=G / mass_kg, h=p / mass_kg, stiffness_npm=stiffness_npm)
+    return TickStep(p=p, q=q, g=G / mass_kg, h=p / mass_kg, stiffness_npm=stiffness_npm)
 
 
 def _series(swing: float, decay: float, T: float) -> tuple[float, float]:

@@ -3,11 +3,11 @@
 from collections.abc import Mapping
 
 from cogrip.devices.device import Device
-from cogrip.devices.io.port_names import EVENT_FILE, HID_DEVICE
+from cogrip.devices.io.line_names import EVENT_FILE, HID_DEVICE
 from cogrip.devices.registry import Family
 from cogrip.devices.settings import Address, Setting, check_axes, keys_of, read_settings, unknown
 from cogrip.devices.steered import gamepad, spacemouse
-from cogrip.devices.steered.device import Link, SteeredDevice, SteeredSettings
+from cogrip.devices.steered.steered_device import ControllerBytes, SteeredDevice, SteeredSettings
 from cogrip.devices.web.hand import PointerSettings
 
 IDLE = "idle"
@@ -44,7 +44,7 @@ def make(address: Address, axes: int, defaults: Mapping[str, Setting]) -> Device
     return SteeredDevice(address.scheme, settings, pointer, axes, buttons, _link(address, settings))
 
 
-def _link(address: Address, settings: SteeredSettings) -> Link | None:
+def _link(address: Address, settings: SteeredSettings) -> ControllerBytes | None:
     name = f"{address.scheme}:{address.name}"
     if address.name == IDLE:
         return None

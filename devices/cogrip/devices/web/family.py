@@ -5,8 +5,8 @@ from collections.abc import Mapping
 from cogrip.devices.device import Device, DeviceError
 from cogrip.devices.registry import Family
 from cogrip.devices.settings import MOST_AXES, Address, Setting, keys_of, read_settings, unknown
-from cogrip.devices.web.device import PointerLink, WebDevice, WebSettings
 from cogrip.devices.web.hand import PointerSettings
+from cogrip.devices.web.web_device import PointerLink, WebDevice, WebSettings
 
 NAMES = ("idle", "pointer")
 

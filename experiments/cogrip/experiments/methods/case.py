@@ -12,7 +12,7 @@ from functools import lru_cache
 from typing import Any
 
 from cogrip.analysis.felt_probe import furthest_off, measure_felt
-from cogrip.analysis.trace import Array, Trace, TraceRecorder, sketch
+from cogrip.analysis.trace import Array, SessionTrace, TraceRecorder, sketch
 from cogrip.experiments.methods.hand import let_rest
 from cogrip.experiments.methods.measures import FELT_MEASURES, at_rest, created_at_rest_j, is_oscillating, read
 from cogrip.experiments.methods.method import CLEAN, ideal_settings, session_settings
@@ -22,7 +22,7 @@ from cogrip.sim.laboratory import Laboratory
 
 
 @dataclass(frozen=True, slots=True)
-class Job:
+class MethodJob:
     """The number of a case and its session. base: settings as JSON text; rest_s: when the hands begin to rest.
 
     felt: measure each person's felt stiffness as well, as `felt`; drawn: keep a sketch of the forces, as `trace`.
@@ -39,29 +39,29 @@ class Job:
 
 
 @dataclass(frozen=True, slots=True)
-class Session:
+class ComparedSession:
     """A session that was run, up to its first incident: `diverged` says what was unstable, saturated or left, "" for nothing.
 
     Under the same hands and on the same network another method, or a clean link, has no such incident: what follows it is
     nothing to compare.
     """
 
-    trace: Trace
+    trace: SessionTrace
     summary: dict[str, Any]
     diverged: str
 
 
-def run_session(settings: Settings, rest_s: float) -> Session:
+def run_session(settings: Settings, rest_s: float) -> ComparedSession:
     """Run a session with hands that rest from `rest_s` on."""
     laboratory = Laboratory(settings)
     starts = [let_rest(person.device, person.rates.device_hz, rest_s) for person in laboratory.people]
     recorder = TraceRecorder(laboratory, starts)
     laboratory.run(recorder.each_tick, recorder.each_frame, lambda: bool(laboratory.incident))
-    return Session(recorder.trace(), of_laboratory(laboratory), laboratory.incident)
+    return ComparedSession(recorder.trace(), of_laboratory(laboratory), laboratory.incident)
 
 
 @lru_cache(maxsize=1)
-def clean_session(base: str, method: str, seed: int, rest_s: float) -> Session:
+def clean_session(base: str, method: str, seed: int, rest_s: float) -> ComparedSession:
     """Return the session of a method and seed on a clean link."""
     return run_session(session_settings(json.loads(base), method, CLEAN, seed), rest_s)
 
@@ -75,7 +75,7 @@ def ideal_forces(base: str, seed: int, rest_s: float) -> Array | None:
     return None if session.diverged or oscillating else trace.force_n
 
 
-def measure_case(job: Job) -> dict[str, Any]:
+def measure_case(job: MethodJob) -> dict[str, Any]:
     """Run one session and return its measures."""
     clean = clean_session(job.base, job.method, job.seed, job.rest_s)
     settings = session_settings(json.loads(job.base), job.method, job.network, job.seed)

@@ -10,8 +10,8 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-from cogrip.devices.simulated.device import SimulatedDevice
 from cogrip.devices.simulated.hands import Hand, Vector
+from cogrip.devices.simulated.simulated_device import SimulatedDevice
 
 FADE_S = 0.5
 

@@ -15,7 +15,7 @@ from cogrip.experiments.methods.table import (
     FELT,
     NONE,
     TABLE,
-    Column,
+    TableColumn,
     columns_of,
     credits_of,
     decimals,
@@ -106,14 +106,14 @@ def _verdict(row: Row) -> str:
     return ", ".join(words) or "--"
 
 
-def _hidden(row: Row, column: Column) -> bool:
+def _hidden(row: Row, column: TableColumn) -> bool:
     """Return whether a number is not shown: of a session that diverged only `created_mj` means anything."""
     if column.measure == FELT and (unstable(row) or not feels(row[FELT])):
         return True
     return column.measure != "created_mj" and bool(row["runs"]) and 2 * row["diverged"] >= row["runs"]
 
 
-def _best(rows: Sequence[Row], column: Column) -> set[str]:
+def _best(rows: Sequence[Row], column: TableColumn) -> set[str]:
     """Return the methods whose median is least, as printed; none where fewer than two compare, or all are equal."""
     if not column.ranked:
         return set()
@@ -129,7 +129,7 @@ def _best(rows: Sequence[Row], column: Column) -> set[str]:
     return {method for method, (_, text) in found.items() if text == least}
 
 
-def _number(row: Row, column: Column, bold: bool) -> str:
+def _number(row: Row, column: TableColumn, bold: bool) -> str:
     found = row[column.measure]
     if found is None or _hidden(row, column):
         return "--"
@@ -140,7 +140,7 @@ def _number(row: Row, column: Column, bold: bool) -> str:
     return f"${shown}{spread}$"
 
 
-def _print(value: float, column: Column) -> str:
+def _print(value: float, column: TableColumn) -> str:
     """Return three digits in TeX mathematics; a power of ten from 1e4 on."""
     if column.measure == FELT:
         return f"{value:.1f}".replace("-0.0", "0.0")

@@ -18,7 +18,7 @@ from typing import Any, Literal
 
 import numpy as np
 
-from cogrip.analysis.trace import Array, Trace
+from cogrip.analysis.trace import Array, SessionTrace
 from cogrip.machine.addition import add_floats, add_integers
 from cogrip.results.felt_as_intended import SOFTER
 from cogrip.results.summary_values import Summary, dig, is_number, people, worst_margin
@@ -39,7 +39,7 @@ def furthest_from_0(values: Sequence[float]) -> float:
 
 
 @dataclass(frozen=True, slots=True)
-class Measure:
+class ComparedMeasure:
     """Heading and unit of a measure, a sentence on what it is, its digits after the point, and the worst of its values."""
 
     heading: str
@@ -49,55 +49,55 @@ class Measure:
     worst: Callable[[Sequence[float]], float] = furthest_from_0
 
 
-MEASURES: Mapping[str, Measure] = {
-    "created_mj": Measure(
+MEASURES: Mapping[str, ComparedMeasure] = {
+    "created_mj": ComparedMeasure(
         "energy created", "mJ",
         "The most that the network had given out beyond what the hands had put in: the largest value over time of the "
         "object's kinetic energy and its own damper's take (in a scene: of all bodies' energy above that at first), less the "
         "work of all hands; 0 if there never was any.",
     ),
-    "peak_force_n": Measure("peak force", "N", "The largest force on any hand."),
-    "force_step_n": Measure("largest step", "N", "The largest change of force on any hand from one tick to the next."),
-    "coherence_rms_mm": Measure(
+    "peak_force_n": ComparedMeasure("peak force", "N", "The largest force on any hand."),
+    "force_step_n": ComparedMeasure("largest step", "N", "The largest change of force on any hand from one tick to the next."),
+    "coherence_rms_mm": ComparedMeasure(
         "views apart, rms", "mm",
         "Distance between the object's positions as reported to two people at the same moment: root mean square over time, of "
         "the pair that is furthest apart.",
     ),
-    "coherence_max_mm": Measure("views apart, max", "mm", "The largest of these distances."),
-    "hands_rms_mm": Measure(
+    "coherence_max_mm": ComparedMeasure("views apart, max", "mm", "The largest of these distances."),
+    "hands_rms_mm": ComparedMeasure(
         "hands apart, rms", "mm",
         "Distance of two hands, each from where it began: root mean square over time, of the pair that is furthest apart.",
     ),
-    "rest_mm": Measure(
+    "rest_mm": ComparedMeasure(
         "drift at rest", "mm",
         f"Distance of two hands, each from where it began, over the last {LAST_S:g} s, in which all hands hold where they "
         "began: what the network has left between them.", 3,
     ),
-    "rest_swing_n": Measure(
+    "rest_swing_n": ComparedMeasure(
         "swing at rest", "N",
         f"Largest less smallest force on any hand over the same last {LAST_S:g} s.",
     ),
-    "error_clean_n": Measure(
+    "error_clean_n": ComparedMeasure(
         "force error to clean link", "N",
         "Root mean square over ticks and hands of the force's difference to the same method, hands and seed on a link "
         "without delay and loss.", 3,
     ),
-    "error_ideal_n": Measure(
+    "error_ideal_n": ComparedMeasure(
         "force error to ideal", "N",
         "The same difference to the object directly in the hands: springs K and dampers B at the device rate, no network.", 3,
     ),
-    "felt_error_percent": Measure(
+    "felt_error_percent": ComparedMeasure(
         "felt stiffness error", "%",
         "By how much the stiffness that a person feels under a static load is off the K asked for that person, K_felt / K - 1; "
         "of the person for whom this share is largest (felt.csv has everybody).", 1,
     ),
-    "contact_n": Measure("contact force", "N", "Scenes: the largest normal force at any tool."),
-    "slip_mm": Measure(
+    "contact_n": ComparedMeasure("contact force", "N", "Scenes: the largest normal force at any tool."),
+    "slip_mm": ComparedMeasure(
         "slip while lifted", "mm",
         "Scenes: the furthest that a tool slipped along the body that it touches while the object was lifted.", 3,
     ),
-    "lifted_mm": Measure("lifted", "mm", "Scenes: the greatest height of the object above its start.", 1, min),
-    "lifted_s": Measure(
+    "lifted_mm": ComparedMeasure("lifted", "mm", "Scenes: the greatest height of the object above its start.", 1, min),
+    "lifted_s": ComparedMeasure(
         "time lifted", "s", "Scenes: the time for which the object was more than 10 mm above its start.", 2, min
     ),
 }  # fmt: skip
@@ -117,7 +117,7 @@ def created_j(work_j: Array, object_j: Array) -> float:
     return max(0.0, float(np.max(object_j - work_j, initial=0.0)))
 
 
-def created_at_rest_j(trace: Trace) -> float:
+def created_at_rest_j(trace: SessionTrace) -> float:
     """Return the growth of `created_j` over the last LAST_S of a session [J]."""
     frames = max(1, round(LAST_S / trace.frame_s))
     return created_j(trace.work_j, trace.object_j) - created_j(trace.work_j[:-frames], trace.object_j[:-frames])
@@ -147,7 +147,7 @@ def force_error_n(force_n: Array, reference_n: Array) -> float | None:
     return float(np.sqrt(((force_n[:ticks] - reference_n[:ticks]) ** 2).sum(axis=2).mean()))
 
 
-def at_rest(trace: Trace) -> tuple[float, float]:
+def at_rest(trace: SessionTrace) -> tuple[float, float]:
     """Return the distance of hands [m] (of means) and the swing of forces [N] over the last LAST_S of a session."""
     frames = max(1, round(LAST_S / trace.frame_s))
     ticks = max(1, round(len(trace.force_n) * frames / max(1, len(trace.position_m))))
@@ -164,7 +164,7 @@ def is_oscillating(swing_n: float, created_mj: float) -> bool:
 
 
 def put_in_j(work_j: Array) -> float:
-    """Return what hands have put in, frame by frame, whatever came out in other frames [J]; work_j as in `Trace`."""
+    """Return what hands have put in, frame by frame, whatever came out in other frames [J]; work_j as in `SessionTrace`."""
     return float(np.maximum(0.0, np.diff(work_j, prepend=0.0)).sum())
 
 
@@ -193,7 +193,7 @@ def mark_of(measures: Mapping[str, Any]) -> Mark:
     return "unstable" if measures["passive"] is False else "unstable_passive"
 
 
-def read(trace: Trace, summary: Summary, diverged: str, clean: Array, ideal: Array | None) -> dict[str, Any]:
+def read(trace: SessionTrace, summary: Summary, diverged: str, clean: Array, ideal: Array | None) -> dict[str, Any]:
     """Return all columns but those of the felt stiffness; of a session that diverged, up to then.
 
     Measures of two people are None for one alone. clean, ideal: forces to compare with, (k, n, a); ideal is None if unstable.

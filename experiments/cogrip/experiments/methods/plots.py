@@ -16,7 +16,7 @@ from cogrip.experiments.experiment import Result
 from cogrip.experiments.methods.looks import FILLS, MARK_WORDS, WORDS, bar_look, style_of
 from cogrip.experiments.methods.measures import MEASURES, Mark, State
 from cogrip.experiments.methods.method import named
-from cogrip.experiments.methods.query import DRAWN_SEEDS, FELT_SEEDS, Comparison
+from cogrip.experiments.methods.query import DRAWN_SEEDS, FELT_SEEDS, ComparisonQuery
 from cogrip.experiments.methods.rows import WIDTH, Rows
 from cogrip.experiments.methods.table import BOUNDS, credits_of, feels, first_seeds
 from cogrip.experiments.methods.table import unstable as unstable_row
@@ -50,7 +50,7 @@ _MARKS = (
 )
 
 
-class Plot(NamedTuple):
+class DrawnPlot(NamedTuple):
     """A drawn plot: the name of its files, its heading, and a caption on what to look for."""
 
     name: str
@@ -59,14 +59,14 @@ class Plot(NamedTuple):
     figure: Figure
 
 
-def draw_all(asked: Comparison, results: Mapping[int, Result], summary: Mapping[str, Any]) -> Iterator[Plot]:
+def draw_all(asked: ComparisonQuery, results: Mapping[int, Result], summary: Mapping[str, Any]) -> Iterator[DrawnPlot]:
     """Yield every plot of which there is anything to draw."""
     rows = Rows(asked, results, summary)
     felt_seeds, drawn_seeds = (first_seeds(len(asked.seeds), most) for most in (FELT_SEEDS, DRAWN_SEEDS))
 
-    def drawn(name: str, heading: str, draw: Callable[[], Figure], caption: str) -> Iterator[Plot]:
+    def drawn(name: str, heading: str, draw: Callable[[], Figure], caption: str) -> Iterator[DrawnPlot]:
         with suppress(NotDrawnError):
-            yield Plot(name, heading, caption, draw())
+            yield DrawnPlot(name, heading, caption, draw())
 
     yield from drawn(
         "stability", "Stability and energy", partial(_stability, rows),

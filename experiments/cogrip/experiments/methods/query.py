@@ -10,10 +10,10 @@ from typing import Any
 import msgspec
 
 from cogrip.devices.for_user import make_for
-from cogrip.devices.simulated.device import SimulatedDevice
-from cogrip.experiments.experiment import Kind, Measure, Result
+from cogrip.devices.simulated.simulated_device import SimulatedDevice
+from cogrip.experiments.experiment import ExperimentKind, Measure, Result
 from cogrip.experiments.folder import FILES
-from cogrip.experiments.methods.case import Job, measure_case
+from cogrip.experiments.methods.case import MethodJob, measure_case
 from cogrip.experiments.methods.hand import FADE_S
 from cogrip.experiments.methods.measures import COLUMNS, LAST_S
 from cogrip.experiments.methods.method import (
@@ -30,7 +30,7 @@ from cogrip.protocol.settings.table import SettingsError
 from cogrip.protocol.version import VERSION
 from cogrip.sim.input_files import files_read
 
-COMPARISON = Kind("comparison", "comparison.json")
+COMPARISON = ExperimentKind("comparison", "comparison.json")
 MOST_SESSIONS = 100_000
 FELT_SEEDS = 5
 DRAWN_SEEDS = 20  # number of seeds with a sketch of forces, which takes some kB of cells.jsonl
@@ -38,7 +38,7 @@ REST_SHARE, LEAST_REST_S, MOST_REST_S = 0.3, FADE_S + LAST_S, 3.0
 
 
 @dataclass(frozen=True, slots=True)
-class Comparison:
+class ComparisonQuery:
     """A checked query. Cases run over networks fastest, then methods, then seeds; the clean link is the first network.
 
     rest_s: when the hands begin to rest; files: digests of the files that sessions read, by path.
@@ -50,7 +50,7 @@ class Comparison:
     seeds: tuple[int, ...]
     rest_s: float
     files: Mapping[str, str]
-    kind: Kind = COMPARISON
+    kind: ExperimentKind = COMPARISON
     columns: tuple[str, ...] = COLUMNS
     measure: Measure = measure_case
 
@@ -86,11 +86,11 @@ class Comparison:
             FILES: dict(self.files),
         }
 
-    def jobs(self, finished: Mapping[int, Result]) -> list[Job]:
+    def jobs(self, finished: Mapping[int, Result]) -> list[MethodJob]:
         """Return the cases still to be run. FELT_SEEDS seeds have the felt stiffness, DRAWN_SEEDS a sketch of forces."""
         base, felt, drawn = json.dumps(self.base), self.seeds[:FELT_SEEDS], self.seeds[:DRAWN_SEEDS]
         return [
-            Job(case, base, method, network, seed, self.rest_s, felt=seed in felt, drawn=seed in drawn)
+            MethodJob(case, base, method, network, seed, self.rest_s, felt=seed in felt, drawn=seed in drawn)
             for case in range(self.cases)
             if case not in finished
             for method, network, seed in [self.values(case).values()]
@@ -102,7 +102,7 @@ class Comparison:
         return len(self.networks)
 
 
-def prepare(settings: Settings, methods: Sequence[str], networks: Sequence[str], seeds: int) -> Comparison:
+def prepare(settings: Settings, methods: Sequence[str], networks: Sequence[str], seeds: int) -> ComparisonQuery:
     """Check a query; nothing is run. Seeds are the settings' own and those after it.
 
     Raises ChoiceError for what cannot be compared.
@@ -126,7 +126,7 @@ def prepare(settings: Settings, methods: Sequence[str], networks: Sequence[str],
     if sessions > MOST_SESSIONS:
         raise ChoiceError(f"{sessions} sessions are more than {MOST_SESSIONS}: give fewer seeds, methods or profiles")
     base, first = msgspec.to_builtins(settings), settings.seed
-    comparison = Comparison(base, tuple(methods), networks, tuple(range(first, first + seeds)), rest_s, {})
+    comparison = ComparisonQuery(base, tuple(methods), networks, tuple(range(first, first + seeds)), rest_s, {})
     files: dict[str, str] = {}
     for method in methods:
         for network in networks:

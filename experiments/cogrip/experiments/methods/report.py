@@ -14,20 +14,20 @@ from cogrip.experiments.methods.latex import latex
 from cogrip.experiments.methods.measures import FELT_MEASURES, MEASURES
 from cogrip.experiments.methods.method import METHODS, named
 from cogrip.experiments.methods.plots import draw_all
-from cogrip.experiments.methods.query import Comparison
+from cogrip.experiments.methods.query import ComparisonQuery
 from cogrip.experiments.methods.table import cells, columns_of, gather, headings, markdown, notes, tone
 from cogrip.machine.addition import add_integers
 from cogrip.results.folder import SUMMARY, summary_text
 from cogrip.results.judgement import Tone
 from cogrip.results.plots.style import png
 from cogrip.results.report.page import Picture, render_page
-from cogrip.results.report.tables import Cell, Row, Table, plain, row, settings_tables
+from cogrip.results.report.tables import Cell, ReportTable, TableRow, plain, row, settings_tables
 
 REPORT, MARKDOWN, LATEX, PLOTS, PEOPLE = "report.html", "table.md", "table.tex", "plots", "felt.csv"
 KIND = "comparison of methods"
 
 
-def write_outcome(folder: Path, asked: Comparison, results: Mapping[int, Result]) -> dict[str, Any]:
+def write_outcome(folder: Path, asked: ComparisonQuery, results: Mapping[int, Result]) -> dict[str, Any]:
     """Write all files into the folder, over those of an earlier part of this comparison; return the summary."""
     summary = gather(asked, results)
     (folder / SUMMARY).write_text(summary_text(summary), encoding="utf-8")
@@ -46,7 +46,7 @@ def write_outcome(folder: Path, asked: Comparison, results: Mapping[int, Result]
     return summary
 
 
-def write_people(path: Path, asked: Comparison, results: Mapping[int, Result]) -> None:
+def write_people(path: Path, asked: ComparisonQuery, results: Mapping[int, Result]) -> None:
     """Write a line for each person and session in which the felt stiffness was measured."""
     columns = ("person", "asked_npm", *FELT_MEASURES)
     with path.open("w", newline="", encoding="utf-8") as file:
@@ -67,7 +67,7 @@ def render(summary: Mapping[str, Any], pictures: list[Picture]) -> str:
         f"{settings['seconds']:g} s each", f"seeds {seeds[0]} to {seeds[-1]}", f"cogrip {summary['version']}",
     )  # fmt: skip
     measures = [
-        Row(each.heading, "", [Cell(each.unit), Cell(each.what, "prose")]) for each in MEASURES.values()
+        TableRow(each.heading, "", [Cell(each.unit), Cell(each.what, "prose")]) for each in MEASURES.values()
     ]  # fmt: skip
     methods = [
         row(named(name), [", ".join(f"{key} = {plain(value)}" for key, value in overrides.items())], css="prose")
@@ -83,8 +83,8 @@ def render(summary: Mapping[str, Any], pictures: list[Picture]) -> str:
         table=_table(summary),
         table_notes=notes(summary),
         pictures=pictures,
-        measures=Table(["", "unit", "what"], measures),
-        methods=Table(["", "settings"], methods),
+        measures=ReportTable(["", "unit", "what"], measures),
+        methods=ReportTable(["", "settings"], methods),
         networks=_networks(asked["networks"]),
         settings=settings_tables(settings),
     )
@@ -128,23 +128,25 @@ def _notes(summary: Mapping[str, Any]) -> list[str]:
     ]
 
 
-def _table(summary: Mapping[str, Any]) -> Table:
+def _table(summary: Mapping[str, Any]) -> ReportTable:
     columns = columns_of(summary)
-    rows: list[Row | str] = []
+    rows: list[TableRow | str] = []
     network = None
     for each in summary["rows"]:
         if each["network"] != network:
             network = each["network"]
             rows.append(str(network))
         verdict, *numbers = cells(each, columns=columns)
-        rows.append(Row(each["method"], "", [Cell(verdict, f"text {tone(each)}"), *map(Cell, numbers)]))
-    return Table(["", *headings(columns)[2:]], rows)
+        rows.append(TableRow(each["method"], "", [Cell(verdict, f"text {tone(each)}"), *map(Cell, numbers)]))
+    return ReportTable(["", *headings(columns)[2:]], rows)
 
 
-def _networks(networks: Mapping[str, Mapping[str, Mapping[str, Any]]]) -> Table:
+def _networks(networks: Mapping[str, Mapping[str, Mapping[str, Any]]]) -> ReportTable:
     """Return a row for each direction of each network."""
     paths = {
         f"{name}, {direction}": values for name, directions in networks.items() for direction, values in directions.items()
     }  # fmt: skip
     keys = list(dict.fromkeys(key for values in paths.values() for key in values))
-    return Table(["", *keys], [row(name, [plain(values.get(key)) for key in keys]) for name, values in paths.items()])
+    return ReportTable(
+        ["", *keys], [row(name, [plain(values.get(key)) for key in keys]) for name, values in paths.items()]
+    )

@@ -9,14 +9,14 @@ from typing import Any, NamedTuple
 from cogrip.experiments.experiment import Result
 from cogrip.experiments.methods.looks import WORDS
 from cogrip.experiments.methods.measures import Mark, State, mark_of, state_of
-from cogrip.experiments.methods.query import Comparison
+from cogrip.experiments.methods.query import ComparisonQuery
 from cogrip.results.summary_values import is_number
 
 WIDTH = 0.8  # share of a network's room that its methods take
 Key = tuple[str, str]  # network and method
 
 
-class Session(NamedTuple):
+class SessionRows(NamedTuple):
     """One session that was run."""
 
     seed: int
@@ -42,24 +42,24 @@ class Session(NamedTuple):
         return found
 
 
-def _severity(session: Session) -> tuple[int, float]:
+def _severity(session: SessionRows) -> tuple[int, float]:
     return -list(WORDS).index(session.state), session.measures["peak_force_n"] or 0.0
 
 
 class Rows:
     """The results of the sessions that could be run, by network, method and measure; `summary` has the rows of `gather`."""
 
-    def __init__(self, asked: Comparison, results: Mapping[int, Result], summary: Mapping[str, Any]) -> None:
+    def __init__(self, asked: ComparisonQuery, results: Mapping[int, Result], summary: Mapping[str, Any]) -> None:
         self.asked = asked
         self.summary: dict[Key, Mapping[str, Any]] = {(row["network"], row["method"]): row for row in summary["rows"]}
-        self._sessions: dict[Key, list[Session]] = {key: [] for key in self.summary}
+        self._sessions: dict[Key, list[SessionRows]] = {key: [] for key in self.summary}
         for case, result in sorted(results.items()):
             values = asked.values(case)
             if not result.error:
-                session = Session(values["seed"], result.measures)
+                session = SessionRows(values["seed"], result.measures)
                 self._sessions[values["network"], values["method"]].append(session)
 
-    def typical(self, key: Key) -> Session | None:
+    def typical(self, key: Key) -> SessionRows | None:
         """Return the median session of those whose forces were kept: by its state, then its peak force.
 
         Of an even number it is the lower one of the middle two.

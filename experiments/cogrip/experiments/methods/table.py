@@ -16,7 +16,7 @@ from cogrip.experiments.methods.measures import (
     furthest_from_0,
 )
 from cogrip.experiments.methods.method import METHODS
-from cogrip.experiments.methods.query import FELT_SEEDS, Comparison
+from cogrip.experiments.methods.query import FELT_SEEDS, ComparisonQuery
 from cogrip.machine.addition import add_integers
 from cogrip.protocol.version import VERSION
 from cogrip.results.judgement import Tone
@@ -37,7 +37,7 @@ NOT_FELT = (
 )
 
 
-class Column(NamedTuple):
+class TableColumn(NamedTuple):
     """A measure in the table: its heading and unit, its LaTeX symbol, and whether the least of it is the best."""
 
     measure: str
@@ -48,32 +48,32 @@ class Column(NamedTuple):
 
 
 TABLE = (
-    Column("created_mj", "created", "mJ", "E^{+}"),
-    Column("peak_force_n", "peak", "N", "F_{\\max}"),
-    Column("force_step_n", "step", "N", "\\Delta F"),
-    Column("coherence_rms_mm", "views", "mm", "\\delta_{\\mathrm{rms}}"),
-    Column("coherence_max_mm", "max", "mm", "\\delta_{\\max}"),
-    Column("rest_mm", "rest", "mm", "d"),
-    Column("rest_swing_n", "swing", "N", "\\Delta F_{\\mathrm{r}}"),
-    Column(FELT, "felt", "%", "\\epsilon_K"),
-    Column("error_clean_n", "to clean", "N", "e_{\\mathrm{cl}}"),
-    Column("error_ideal_n", "to ideal", "N", "e_{\\mathrm{id}}"),
+    TableColumn("created_mj", "created", "mJ", "E^{+}"),
+    TableColumn("peak_force_n", "peak", "N", "F_{\\max}"),
+    TableColumn("force_step_n", "step", "N", "\\Delta F"),
+    TableColumn("coherence_rms_mm", "views", "mm", "\\delta_{\\mathrm{rms}}"),
+    TableColumn("coherence_max_mm", "max", "mm", "\\delta_{\\max}"),
+    TableColumn("rest_mm", "rest", "mm", "d"),
+    TableColumn("rest_swing_n", "swing", "N", "\\Delta F_{\\mathrm{r}}"),
+    TableColumn(FELT, "felt", "%", "\\epsilon_K"),
+    TableColumn("error_clean_n", "to clean", "N", "e_{\\mathrm{cl}}"),
+    TableColumn("error_ideal_n", "to ideal", "N", "e_{\\mathrm{id}}"),
 )
 SCENE_TABLE = (
     *(column for column in TABLE if column.measure != FELT),
-    Column("contact_n", "contact", "N", "N_{\\max}", ranked=False),
-    Column("slip_mm", "slip", "mm", "s"),
-    Column("lifted_mm", "lifted", "mm", "h", ranked=False),
-    Column("lifted_s", "lifted for", "s", "t_h", ranked=False),
+    TableColumn("contact_n", "contact", "N", "N_{\\max}", ranked=False),
+    TableColumn("slip_mm", "slip", "mm", "s"),
+    TableColumn("lifted_mm", "lifted", "mm", "h", ranked=False),
+    TableColumn("lifted_s", "lifted for", "s", "t_h", ranked=False),
 )
 
 
-def columns_of(summary: Mapping[str, Any]) -> tuple[Column, ...]:
+def columns_of(summary: Mapping[str, Any]) -> tuple[TableColumn, ...]:
     """Return the columns of a comparison's table: a scene has no stiffness that is asked for, but slip and lift."""
     return SCENE_TABLE if dig(summary, "asked", "settings", "object", "kind") == "scene" else TABLE
 
 
-def gather(asked: Comparison, results: Mapping[int, Result]) -> dict[str, Any]:
+def gather(asked: ComparisonQuery, results: Mapping[int, Result]) -> dict[str, Any]:
     """Return `summary.json`: the query, and one row for every method on every network, over all seeds."""
     rows = []
     for network in asked.networks:
@@ -200,7 +200,7 @@ def judgements(
     return texts + [f"{word} {row[key]}/{row['runs']}" for key, word in passive_words.items() if row[key]]
 
 
-def shown(row: Mapping[str, Any], column: Column, worst_too: bool = True) -> str:
+def shown(row: Mapping[str, Any], column: TableColumn, worst_too: bool = True) -> str:
     """Return the median, and the worst in brackets where it differs as shown."""
     found = row[column.measure]
     if found is None or (column.measure == FELT and (unstable(row) or not feels(found))):
@@ -233,12 +233,12 @@ def _signed(value: float) -> str:
     return "0.0" if float(text) == 0.0 else text.replace("-", "−")
 
 
-def cells(row: Mapping[str, Any], worst_too: bool = True, columns: Sequence[Column] = TABLE) -> list[str]:
+def cells(row: Mapping[str, Any], worst_too: bool = True, columns: Sequence[TableColumn] = TABLE) -> list[str]:
     """Return one row's text, from the verdict on."""
     return [verdict(row), *(shown(row, column, worst_too) for column in columns)]
 
 
-def headings(columns: Sequence[Column] = TABLE) -> list[str]:
+def headings(columns: Sequence[TableColumn] = TABLE) -> list[str]:
     """Return the headings of the table."""
     return ["profile", "method", "verdict", *(f"{column.heading} [{column.unit}]" for column in columns)]
 

@@ -10,8 +10,8 @@ from matplotlib.figure import Figure
 
 from cogrip.experiments.methods.looks import WARNING, WORDS, person_look, style_of
 from cogrip.experiments.methods.method import named
-from cogrip.experiments.methods.query import Comparison
-from cogrip.experiments.methods.rows import Rows, Session
+from cogrip.experiments.methods.query import ComparisonQuery
+from cogrip.experiments.methods.rows import Rows, SessionRows
 from cogrip.results.plots.style import (
     ALARM,
     COLOURS,
@@ -60,7 +60,7 @@ def draw_traces(rows: Rows) -> Figure:
     return sheet.finish("time [s]", [f"{network}\nforce [N]" for network in asked.networks], legend)
 
 
-def _height(sessions: Sequence[Session]) -> float:
+def _height(sessions: Sequence[SessionRows]) -> float:
     """Return the height of a row [N]: for its stable sessions, or for all if none is stable; 0 without any forces."""
     stable = [session for session in sessions if session.state in ("not_passive", "passive")]
     return _MARGIN * max((_largest(session.forces) for session in stable or sessions), default=0.0)
@@ -70,7 +70,7 @@ def _largest(forces: list[list[float]]) -> float:
     return max((abs(value) for values in forces for value in values), default=0.0)
 
 
-def _trace(panel: Axes, session: Session, tint: str, whole_s: float, height: float) -> None:
+def _trace(panel: Axes, session: SessionRows, tint: str, whole_s: float, height: float) -> None:
     """Draw one session's forces, and say its seed, its verdict, and where it was cut off."""
     seconds = session.seconds
     stretches = max(2, round(_STRETCHES * seconds / whole_s))
@@ -92,7 +92,7 @@ def _trace(panel: Axes, session: Session, tint: str, whole_s: float, height: flo
             )  # fmt: skip
 
 
-def _people(asked: Comparison) -> list[tuple[str, Style]]:
+def _people(asked: ComparisonQuery) -> list[tuple[str, Style]]:
     """Return entries of people, as many as there are colours, and the number of the others."""
     names = [str(user["name"]) for user in asked.base["users"]]
     legend: list[tuple[str, Style]] = [

@@ -11,7 +11,7 @@ from cogrip.experiments.study.journal import RUNS, AnswerLine, StudyFolder, Tria
 from cogrip.experiments.study.plan import Done, Trial, next_trial, planned
 from cogrip.experiments.study.questions import Answer, Item, items_of
 from cogrip.experiments.study.study_file import Block, Study
-from cogrip.experiments.study.trial import Event, TrialState
+from cogrip.experiments.study.trial import TrialEvent, TrialState
 from cogrip.machine.addition import add_integers
 from cogrip.protocol.settings.sections import Settings
 from cogrip.results.measures.goal import Goal
@@ -25,17 +25,17 @@ class Quit(Exception):  # noqa: N818 (a request, not an error)
     """The operator ends for today: the trial that was going on is begun again next time."""
 
 
-class Ended(NamedTuple):
+class TrialEnded(NamedTuple):
     """The end of a session. how: time, goal, operator, or why it failed."""
 
-    event: Event
+    event: TrialEvent
     how: str
 
 
 class Sessions(Protocol):
     """Runs sessions."""
 
-    def run(self, settings: Settings, folder: Path, goal: Goal, title: str) -> Ended:
+    def run(self, settings: Settings, folder: Path, goal: Goal, title: str) -> TrialEnded:
         """Run one to its end, its files in `folder`, which does not exist yet."""
 
 
@@ -48,7 +48,7 @@ class People(Protocol):
     def rest(self, seconds: float, people: Sequence[str]) -> None:
         """Let these people rest for so long; the operator may end it."""
 
-    def wait(self, trial: Trial, state: TrialState, people: Sequence[str]) -> Event:
+    def wait(self, trial: Trial, state: TrialState, people: Sequence[str]) -> TrialEvent:
         """Wait for READY from everybody, or for the operator; while paused for RESUME or ABANDON."""
 
     def answer(self, person: str, item: Item, trial: Trial | None, runs: Sequence[Path]) -> Answer:
@@ -142,11 +142,11 @@ class Conductor:
                 runs, ended = [], []
             if state.state == "asking":
                 correct = self._ask(trial, people, state, runs)
-                state.handle(Event.ANSWERED)
+                state.handle(TrialEvent.ANSWERED)
                 self._folder.add_trial(self._line("finished", trial, people, state, runs, ended, correct))
                 return
             event = self._people.wait(trial, state, people)
-            if event is not Event.READY:
+            if event is not TrialEvent.READY:
                 state.handle(event)
                 continue
             if begun != state.attempt:
@@ -156,7 +156,7 @@ class Conductor:
                 state.ready(person)
             outcome = self._run_session(trial, people, state, runs)
             ended.append(outcome.how)
-            if outcome.event is Event.FAILED:
+            if outcome.event is TrialEvent.FAILED:
                 failures += 1
                 self._folder.add_trial(self._line("failed", trial, people, state, runs, ended, reason=outcome.how))
                 if failures == MOST_FAILURES:
@@ -164,7 +164,7 @@ class Conductor:
             state.handle(outcome.event)
         self._folder.add_trial(self._line("abandoned", trial, people, state, runs, ended))
 
-    def _run_session(self, trial: Trial, people: Sequence[str], state: TrialState, runs: list[Path]) -> Ended:
+    def _run_session(self, trial: Trial, people: Sequence[str], state: TrialState, runs: list[Path]) -> TrialEnded:
         shown = trial.presentations[state.session]
         settings = self._study.settings_of(self._base, people, shown.changes, shown.seed)
         goal = self._study.goal_of(shown.changes)

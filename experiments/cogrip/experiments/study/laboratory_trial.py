@@ -4,10 +4,10 @@ from collections.abc import Callable
 from pathlib import Path
 
 from cogrip.devices.device import DeviceError
-from cogrip.experiments.study.conductor import Ended, Quit
+from cogrip.experiments.study.conductor import Quit, TrialEnded
 from cogrip.experiments.study.spread import varied
 from cogrip.experiments.study.study_file import Study
-from cogrip.experiments.study.trial import Event
+from cogrip.experiments.study.trial import TrialEvent
 from cogrip.protocol.settings.sections import Settings
 from cogrip.results.laboratory_run import run_laboratory
 from cogrip.results.measures.goal import Goal, GoalWatch
@@ -20,7 +20,7 @@ class LaboratorySessions:
     def __init__(self, study: Study, stopped: Callable[[], bool] = lambda: False) -> None:
         self._study, self._stopped = study, stopped
 
-    def run(self, settings: Settings, folder: Path, goal: Goal, title: str) -> Ended:
+    def run(self, settings: Settings, folder: Path, goal: Goal, title: str) -> TrialEnded:
         """Run one. Raises Quit once `stopped` returns True, after the session's files are closed."""
         watch = GoalWatch(goal)
 
@@ -43,12 +43,12 @@ class LaboratorySessions:
         try:
             outcome = run_laboratory(settings, folder, over=over)
         except DeviceError as error:
-            return Ended(Event.FAILED, str(error))
+            return TrialEnded(TrialEvent.FAILED, str(error))
         if self._stopped():
             raise Quit
         if outcome.unstable:
-            return Ended(Event.FAILED, f"unstable: {outcome.unstable[0]}")
+            return TrialEnded(TrialEvent.FAILED, f"unstable: {outcome.unstable[0]}")
         faults = [user for user in outcome.summary["users"] if user["saturated"] and user["state"] == "fault"]
         if faults:
-            return Ended(Event.FAILED, f"saturated: {faults[0]['name']}: {faults[0]['reason']}")
-        return Ended(Event.ENDED, how)
+            return TrialEnded(TrialEvent.FAILED, f"saturated: {faults[0]['name']}: {faults[0]['reason']}")
+        return TrialEnded(TrialEvent.ENDED, how)

@@ -8,7 +8,7 @@ from cogrip.experiments.study.plan import Trial
 from cogrip.experiments.study.psychometric import gaussian, weibull
 from cogrip.experiments.study.questions import TLX_MOST, TLX_STEP, Answer, Item
 from cogrip.experiments.study.study_file import Study, StudyError
-from cogrip.experiments.study.trial import Event, TrialState
+from cogrip.experiments.study.trial import TrialEvent, TrialState
 from cogrip.results.measures.columns import read_columns
 from cogrip.results.measures.registry import BY_NAME
 
@@ -29,9 +29,9 @@ class SimulatedPeople:
     def rest(self, seconds: float, people: Sequence[str]) -> None:
         """Need no break."""
 
-    def wait(self, trial: Trial, state: TrialState, people: Sequence[str]) -> Event:
+    def wait(self, trial: Trial, state: TrialState, people: Sequence[str]) -> TrialEvent:
         """Return READY at once."""
-        return Event.READY
+        return TrialEvent.READY
 
     def answer(self, person: str, item: Item, trial: Trial | None, runs: Sequence[Path]) -> Answer:
         """Return an answer, the same for the same trial of the same study."""

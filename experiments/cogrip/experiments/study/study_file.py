@@ -32,7 +32,7 @@ class StudyError(ForeignFileError, ValueError):
     """A study that cannot be run; the text names the key, the value, the bound and the cure."""
 
 
-class Observer(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+class SimulatedObserver(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     """[simulated]: simulated participants; how they answer questions about two intervals, as psychometric functions have it.
 
     measure: what they compare; threshold: the difference that they find with probability `psychometric.TARGET`, in its unit;
@@ -87,7 +87,7 @@ class Study(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     goal: Goal = NO_GOAL
     conditions: dict[Name, dict[str, Any]] = {}
     questions: dict[Name, Question] = {}
-    simulated: Observer = Observer()
+    simulated: SimulatedObserver = SimulatedObserver()
 
     def groups(self) -> list[tuple[str, ...]]:
         """Return the people of each group, in the order of their seats."""

@@ -12,7 +12,7 @@ from typing import Literal
 State = Literal["waiting", "running", "asking", "paused", "finished", "abandoned"]
 
 
-class Event(Enum):
+class TrialEvent(Enum):
     """An event of a trial."""
 
     READY = auto()  # everybody is ready: by keys, by buttons, or at once
@@ -25,23 +25,23 @@ class Event(Enum):
     ABANDON = auto()
 
 
-BEGINS_ANEW = {Event.FAILED, Event.REPEAT}
+BEGINS_ANEW = {TrialEvent.FAILED, TrialEvent.REPEAT}
 """Events after which a trial is another attempt; a pause of a running session too."""
 
-TRANSITIONS: dict[tuple[State, Event], State] = {
-    ("waiting", Event.READY): "running",
-    ("waiting", Event.PAUSE): "paused",
-    ("waiting", Event.ABANDON): "abandoned",
-    ("running", Event.ENDED): "asking",  # after the last session; "waiting" before
-    ("running", Event.FAILED): "waiting",
-    ("running", Event.PAUSE): "paused",
-    ("running", Event.REPEAT): "waiting",
-    ("running", Event.ABANDON): "abandoned",
-    ("asking", Event.ANSWERED): "finished",
-    ("asking", Event.REPEAT): "waiting",
-    ("asking", Event.ABANDON): "abandoned",
-    ("paused", Event.RESUME): "waiting",
-    ("paused", Event.ABANDON): "abandoned",
+TRANSITIONS: dict[tuple[State, TrialEvent], State] = {
+    ("waiting", TrialEvent.READY): "running",
+    ("waiting", TrialEvent.PAUSE): "paused",
+    ("waiting", TrialEvent.ABANDON): "abandoned",
+    ("running", TrialEvent.ENDED): "asking",  # after the last session; "waiting" before
+    ("running", TrialEvent.FAILED): "waiting",
+    ("running", TrialEvent.PAUSE): "paused",
+    ("running", TrialEvent.REPEAT): "waiting",
+    ("running", TrialEvent.ABANDON): "abandoned",
+    ("asking", TrialEvent.ANSWERED): "finished",
+    ("asking", TrialEvent.REPEAT): "waiting",
+    ("asking", TrialEvent.ABANDON): "abandoned",
+    ("paused", TrialEvent.RESUME): "waiting",
+    ("paused", TrialEvent.ABANDON): "abandoned",
 }
 
 
@@ -81,11 +81,11 @@ class TrialState:
         if self.state == "waiting" and who in self._people:
             self._ready.add(who)
         if self.state == "waiting" and self._ready == self._people:
-            self.handle(Event.READY)
+            self.handle(TrialEvent.READY)
             return True
         return False
 
-    def handle(self, event: Event) -> State:
+    def handle(self, event: TrialEvent) -> State:
         """Take an event, and return the state after it. Raises TrialError."""
         before = self.state
         try:
@@ -93,12 +93,12 @@ class TrialState:
         except KeyError:
             raise TrialError(f"a trial that is {before} takes no {event.name}") from None
         self._ready.clear()
-        if event is Event.ENDED:
+        if event is TrialEvent.ENDED:
             self.session += 1
             after = "waiting" if self.session < self._sessions else after
-        if event is Event.PAUSE:
+        if event is TrialEvent.PAUSE:
             self.pauses += 1
-        if event in BEGINS_ANEW or (event is Event.PAUSE and (before == "running" or self.session)):
+        if event in BEGINS_ANEW or (event is TrialEvent.PAUSE and (before == "running" or self.session)):
             self.attempt, self.session = self.attempt + 1, 0
         self.state = after
         return after

@@ -10,7 +10,7 @@ from typing import Any
 
 import msgspec
 
-from cogrip.experiments.experiment import Kind, Measure, Result
+from cogrip.experiments.experiment import ExperimentKind, Measure, Result
 from cogrip.experiments.folder import FILES
 from cogrip.experiments.sweep.grid import Axis, Grid
 from cogrip.experiments.sweep.measures import LIFTED, PREFIX, expanded, needs_session, read
@@ -21,13 +21,13 @@ from cogrip.results.laboratory_run import run_laboratory
 from cogrip.sim.input_files import files_read
 
 MANIFEST = "sweep.json"
-SWEEP = Kind("sweep", MANIFEST)
+SWEEP = ExperimentKind("sweep", MANIFEST)
 _EXAMPLE_FRAMES = 2
 _BATCH = 16  # number of linear models that a worker computes at a time: one takes some milliseconds
 
 
 @dataclass(frozen=True, slots=True)
-class Job:
+class SweepJob:
     """The number of a case, the base settings as a table, what the case sets, and the columns wanted."""
 
     case: int
@@ -36,7 +36,7 @@ class Job:
     columns: tuple[str, ...]
 
 
-def measure_case(job: Job) -> dict[str, Any]:
+def measure_case(job: SweepJob) -> dict[str, Any]:
     """Run the session, or build the linear model, of one case, and return its columns."""
     settings = resolve(job.base, job.values)
     summary = run_laboratory(settings).summary if needs_session(job.columns) else {}
@@ -53,7 +53,7 @@ class Sweep:
     grid: Grid
     columns: tuple[str, ...]
     files: Mapping[str, str]
-    kind: Kind = SWEEP
+    kind: ExperimentKind = SWEEP
     measure: Measure = measure_case
 
     @property
@@ -89,10 +89,12 @@ class Sweep:
         """Return what a case sets."""
         return self.grid.values(case)
 
-    def jobs(self, finished: Mapping[int, Result]) -> list[Job]:
+    def jobs(self, finished: Mapping[int, Result]) -> list[SweepJob]:
         """Return the cases that are still to be run."""
         return [
-            Job(case, self.grid.base, self.values(case), self.columns) for case in self.grid if case not in finished
+            SweepJob(case, self.grid.base, self.values(case), self.columns)
+            for case in self.grid
+            if case not in finished
         ]
 
 

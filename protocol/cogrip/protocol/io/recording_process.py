@@ -58,7 +58,7 @@ class WholePieces:
         self._at += len(held)
 
 
-class Task:
+class RecordingTask:
     """One recording, from its first message to its last."""
 
     def __init__(self, ring: Ring, fd: int, task: dict[str, object]) -> None:
@@ -185,7 +185,7 @@ def main(arguments: list[str]) -> int:
     system.ordinary_priority()
     ring, file = map(system.descriptor_of, map(int, arguments))
     source = sys.stdin.buffer
-    task = Task(Ring(ring), file, json.loads(source.readline()))
+    task = RecordingTask(Ring(ring), file, json.loads(source.readline()))
     ended = system.end_of_input(source)
     if not system.LOCKS_ARE_INHERITED:
         with suppress(OSError):

@@ -3,13 +3,13 @@
 from collections.abc import Sequence
 
 from cogrip.protocol.line.sender import LineSender
-from cogrip.protocol.wire.clock import Clock
+from cogrip.protocol.wire.clock import MessageClock
 from cogrip.protocol.wire.handle import Handle
 from cogrip.protocol.wire.messages import Waves, encode
 
 
 def encode_waves(
-    session: int, sender: LineSender, made_j: float, port_j: float, acknowledged: int, clock: Clock, now_ns: int,
+    session: int, sender: LineSender, made_j: float, port_j: float, acknowledged: int, clock: MessageClock, now_ns: int,
     state: Sequence[float], phase: int, impedance_nspm: float, since: int, edges: int, applied: int = 0,
     handle: Handle | None = None,
 ) -> bytes:  # fmt: skip

@@ -50,7 +50,7 @@ class RecordingError(ForeignFileError):
     """A file that cannot be read as a recording. The text names what it is, and the cure."""
 
 
-class Message(NamedTuple):
+class RecordedMessage(NamedTuple):
     topic: int  # place of the topic in the header's topics
     time_ns: int  # time on the recording's own clock
     payload: bytes
@@ -85,7 +85,7 @@ class Recording:
     def topics(self) -> tuple[str, ...]:
         return self.header.topics
 
-    def chunks(self) -> Iterator[list[Message]]:
+    def chunks(self) -> Iterator[list[RecordedMessage]]:
         """Yield intact chunks, oldest first."""
         self.damage, self.complete, self.cut, known = [], False, self.header.cut, 0
         last_ns: int | None = None  # of the newest intact chunk
@@ -99,7 +99,7 @@ class Recording:
                 elif len(self.damage) > known:
                     self.damage[-1] = self.damage[-1]._replace(from_ns=last_ns)
 
-    def _read(self, file: IO[bytes]) -> Iterator[list[Message]]:
+    def _read(self, file: IO[bytes]) -> Iterator[list[RecordedMessage]]:
         """Yield chunks; an empty one stands for the damage that was found last, or is one without messages."""
         size = self.path.stat().st_size
         offset = len(MAGIC)
@@ -142,7 +142,7 @@ class Recording:
             yield []
             offset = following
 
-    def open_chunk(self, content: bytes) -> list[Message]:
+    def open_chunk(self, content: bytes) -> list[RecordedMessage]:
         """Return the messages in a chunk record. Raises ValueError, ZstdError or struct.error for one that is damaged, or that
         would take more time and memory to open than any that was written."""
         _, _, size, crc = _CHUNK.unpack_from(content)
@@ -162,7 +162,7 @@ class Recording:
             raise ValueError("checksum")
         return self._messages(records)
 
-    def _messages(self, records: bytes) -> list[Message]:
+    def _messages(self, records: bytes) -> list[RecordedMessage]:
         found, position, end, epoch_ns = [], 0, len(records), self.header.epoch_ns
         frame, head, body = _FRAME.unpack_from, _MESSAGE.unpack_from, _FRAME.size + _MESSAGE.size
         while position < end:
@@ -170,7 +170,7 @@ class Recording:
             following = position + _FRAME.size + length
             if opcode == MESSAGE:
                 channel, _, time_ns, _ = head(records, position + _FRAME.size)
-                found.append(Message(channel - 1, time_ns - epoch_ns, records[position + body : following]))
+                found.append(RecordedMessage(channel - 1, time_ns - epoch_ns, records[position + body : following]))
             position = following
         return found
 
@@ -182,7 +182,7 @@ class Recording:
             return said_ns - self.header.epoch_ns
         return max((chunk[-1].time_ns for chunk in self.chunks()), default=0)
 
-    def messages(self) -> Iterator[Message]:
+    def messages(self) -> Iterator[RecordedMessage]:
         """Yield every intact message, in the order of the file."""
         for chunk in self.chunks():
             yield from chunk
@@ -194,14 +194,14 @@ class Follower:
     each: called with topic and message, for every message in turn
     """
 
-    def __init__(self, path: Path, each: Callable[[str, Message], None] | None = None) -> None:
+    def __init__(self, path: Path, each: Callable[[str, RecordedMessage], None] | None = None) -> None:
         """Raises as `open_recording` does."""
         self._recording = open_recording(path)
         self._each = each
         self._offset = len(MAGIC)
-        self.newest: dict[str, Message] = {}
+        self.newest: dict[str, RecordedMessage] = {}
 
-    def look(self) -> dict[str, Message]:
+    def look(self) -> dict[str, RecordedMessage]:
         """Read what was written since the last call; return `newest`."""
         recording = self._recording
         with recording.path.open("rb") as file:

@@ -25,21 +25,21 @@ _ALL = 1  # number that stands for all entities in a deletion
 _LINE_STRIP, _LINE_LIST = 0, 2
 
 
-class Message(msgspec.Struct, frozen=True, gc=False):
+class FoxgloveMessage(msgspec.Struct, frozen=True, gc=False):
     """Base of all messages and their parts."""
 
 
-class Time(Message, frozen=True, gc=False):
+class Time(FoxgloveMessage, frozen=True, gc=False):
     sec: int
     nsec: int
 
 
-class Duration(Message, frozen=True, gc=False):
+class Duration(FoxgloveMessage, frozen=True, gc=False):
     sec: int = 0
     nsec: int = 0
 
 
-class Vector3(Message, frozen=True, gc=False):
+class Vector3(FoxgloveMessage, frozen=True, gc=False):
     x: float
     y: float
     z: float
@@ -49,26 +49,26 @@ class Point3(Vector3, frozen=True, gc=False):
     pass
 
 
-class Quaternion(Message, frozen=True, gc=False):
+class Quaternion(FoxgloveMessage, frozen=True, gc=False):
     x: float = 0.0
     y: float = 0.0
     z: float = 0.0
     w: float = 1.0
 
 
-class Pose(Message, frozen=True, gc=False):
+class Pose(FoxgloveMessage, frozen=True, gc=False):
     position: Vector3 = Vector3(0.0, 0.0, 0.0)
     orientation: Quaternion = Quaternion()
 
 
-class Color(Message, frozen=True, gc=False):
+class Color(FoxgloveMessage, frozen=True, gc=False):
     r: float
     g: float
     b: float
     a: float = 1.0
 
 
-class ArrowPrimitive(Message, frozen=True, gc=False):
+class ArrowPrimitive(FoxgloveMessage, frozen=True, gc=False):
     pose: Pose
     shaft_length: float
     color: Color
@@ -77,19 +77,19 @@ class ArrowPrimitive(Message, frozen=True, gc=False):
     head_diameter: float = 2 * _SHAFT_M
 
 
-class CubePrimitive(Message, frozen=True, gc=False):
+class CubePrimitive(FoxgloveMessage, frozen=True, gc=False):
     size: Vector3
     color: Color
     pose: Pose = Pose()
 
 
-class SpherePrimitive(Message, frozen=True, gc=False):
+class SpherePrimitive(FoxgloveMessage, frozen=True, gc=False):
     size: Vector3
     color: Color
     pose: Pose = Pose()
 
 
-class CylinderPrimitive(Message, frozen=True, gc=False):
+class CylinderPrimitive(FoxgloveMessage, frozen=True, gc=False):
     """Its axis is z."""
 
     size: Vector3
@@ -99,7 +99,7 @@ class CylinderPrimitive(Message, frozen=True, gc=False):
     top_scale: float = 1.0
 
 
-class LinePrimitive(Message, frozen=True, gc=False):
+class LinePrimitive(FoxgloveMessage, frozen=True, gc=False):
     points: tuple[Point3, ...]
     color: Color
     colors: tuple[Color, ...] = ()
@@ -110,7 +110,7 @@ class LinePrimitive(Message, frozen=True, gc=False):
     scale_invariant: bool = True
 
 
-class TextPrimitive(Message, frozen=True, gc=False):
+class TextPrimitive(FoxgloveMessage, frozen=True, gc=False):
     text: str
     color: Color
     pose: Pose = Pose(Vector3(0.0, 0.0, 2 * HAND_SIZE_M))
@@ -119,12 +119,12 @@ class TextPrimitive(Message, frozen=True, gc=False):
     scale_invariant: bool = True
 
 
-class KeyValuePair(Message, frozen=True, gc=False):
+class KeyValuePair(FoxgloveMessage, frozen=True, gc=False):
     key: str
     value: str
 
 
-class TriangleListPrimitive(Message, frozen=True, gc=False):
+class TriangleListPrimitive(FoxgloveMessage, frozen=True, gc=False):
     points: tuple[Point3, ...]
     color: Color
     pose: Pose = Pose()
@@ -132,11 +132,11 @@ class TriangleListPrimitive(Message, frozen=True, gc=False):
     indices: tuple[int, ...] = ()
 
 
-class NotUsed(Message, frozen=True, gc=False):
+class NotUsed(FoxgloveMessage, frozen=True, gc=False):
     """A primitive that is never sent: models."""
 
 
-class SceneEntity(Message, frozen=True, gc=False):
+class SceneEntity(FoxgloveMessage, frozen=True, gc=False):
     timestamp: Time
     frame_id: str
     id: str
@@ -153,18 +153,18 @@ class SceneEntity(Message, frozen=True, gc=False):
     models: tuple[NotUsed, ...] = ()
 
 
-class SceneEntityDeletion(Message, frozen=True, gc=False):
+class SceneEntityDeletion(FoxgloveMessage, frozen=True, gc=False):
     timestamp: Time
     type: int = _ALL
     id: str = ""
 
 
-class SceneUpdate(Message, frozen=True, gc=False):
+class SceneUpdate(FoxgloveMessage, frozen=True, gc=False):
     deletions: tuple[SceneEntityDeletion, ...]
     entities: tuple[SceneEntity, ...]
 
 
-class FrameTransform(Message, frozen=True, gc=False):
+class FrameTransform(FoxgloveMessage, frozen=True, gc=False):
     timestamp: Time
     parent_frame_id: str
     child_frame_id: str
@@ -172,7 +172,7 @@ class FrameTransform(Message, frozen=True, gc=False):
     rotation: Quaternion = Quaternion()
 
 
-class FrameTransforms(Message, frozen=True, gc=False):
+class FrameTransforms(FoxgloveMessage, frozen=True, gc=False):
     transforms: tuple[FrameTransform, ...]
 
 
@@ -417,7 +417,7 @@ def _schema(kind: inspect.Type) -> dict[str, Any]:
     return {"type": _TYPES[type(kind)]}
 
 
-def json_schema(message: type[Message]) -> bytes:
+def json_schema(message: type[FoxgloveMessage]) -> bytes:
     """Return the JSON schema of a message, as text."""
     return _encode(_schema(inspect.type_info(message)))
 

@@ -37,7 +37,7 @@ class Nowhere:
         """Drop the message."""
 
 
-class Held:
+class HeldSink:
     """A sink that keeps messages until the real one is known."""
 
     def __init__(self) -> None:
@@ -55,7 +55,7 @@ class CoreRecorder:
     """
 
     def __init__(self) -> None:
-        self._held = Held()
+        self._held = HeldSink()
         self.sink: Sink = self._held
         self._encode: Callable[[Record], bytes] = encode
         self.keeps = True

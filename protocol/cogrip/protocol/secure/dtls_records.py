@@ -26,7 +26,7 @@ MOST_FINISHED = 2
 """Most records that may hold Finished, of which one completes the handshake: the second is for one that came too early."""
 
 
-class Record(NamedTuple):
+class DtlsRecord(NamedTuple):
     """The header of a record, and where in its datagram the record lies."""
 
     type: int
@@ -36,7 +36,7 @@ class Record(NamedTuple):
     end: int
 
 
-def records(datagram: bytes) -> Iterator[Record]:
+def records(datagram: bytes) -> Iterator[DtlsRecord]:
     """Yield the whole records of a datagram, in order. What follows the last of them is no record."""
     begin = 0
     while begin + RECORD_HEADER_BYTES <= len(datagram):
@@ -44,7 +44,7 @@ def records(datagram: bytes) -> Iterator[Record]:
         if end > len(datagram) or datagram[begin + 1] != 0xFE:
             return
         epoch, number = (int.from_bytes(datagram[begin + at : begin + to], "big") for at, to in ((3, 5), (5, 11)))
-        yield Record(datagram[begin], epoch, number, begin, end)
+        yield DtlsRecord(datagram[begin], epoch, number, begin, end)
         begin = end
 
 
@@ -110,7 +110,7 @@ class ClientRecords:
             self._drop("no record")
         return b"".join(kept)
 
-    def _fault(self, record: Record, datagram: bytes) -> str:
+    def _fault(self, record: DtlsRecord, datagram: bytes) -> str:
         kind, epoch = record.type, record.epoch
         size = record.end - record.begin - RECORD_HEADER_BYTES
         if epoch > 1:

@@ -8,7 +8,7 @@ from typing import Literal, NamedTuple
 Kind = Literal["wave", "local", "coupling", "tdpa"]
 
 
-class Damper(NamedTuple):
+class DamperRow(NamedTuple):
     """The damper that a device itself renders: b of waves, B of virtual coupling. key: of [coupling]."""
 
     symbol: str
@@ -37,7 +37,7 @@ class CouplingKind(NamedTuple):
     own_frame: bool
     any_world: bool
     paper_step: bool
-    damper: Damper
+    damper: DamperRow
     softer_key: Literal["impedance_nspm", "stiffness_npm"]
     linear: Literal["passive", "coupling"] | None
     advised_frames: int
@@ -53,7 +53,7 @@ class CouplingKind(NamedTuple):
         return self.waves and not self.local
 
 
-_IMPEDANCE, _DAMPING = Damper("b", "impedance_nspm"), Damper("B", "damping_nspm")
+_IMPEDANCE, _DAMPING = DamperRow("b", "impedance_nspm"), DamperRow("B", "damping_nspm")
 COUPLING_KINDS: dict[Kind, CouplingKind] = {
     "wave": CouplingKind(
         frame="Waves", local=False, passive=True, own_frame=False, any_world=True, paper_step=True, damper=_IMPEDANCE,

@@ -51,7 +51,7 @@ class RateChoice(msgspec.Struct, frozen=True):
         )
 
 
-class LinkDirection(Direction, Protocol):
+class DirectionRate(Direction, Protocol):
     """Settings of one direction of a link."""
 
     @property
@@ -80,7 +80,7 @@ def stated_frame_s(settings: Settings) -> float:
 
 
 def best_rate(
-    device_hz: Sequence[int], axes: int, frame_s: float, playout: PlayoutDelay, link: Sequence[LinkDirection]
+    device_hz: Sequence[int], axes: int, frame_s: float, playout: PlayoutDelay, link: Sequence[DirectionRate]
 ) -> int:
     """Return the network rate [Hz]; the lowest where none is borne, which the settings' own checks then judge.
 

@@ -17,7 +17,7 @@ _DRIFT_PART = 1_000_000 // DRIFT_PPM
 MOST_RTT_NS = 60_000_000_000
 
 
-class Clock:
+class MessageClock:
     """Stamps outgoing messages and reads incoming ones.
 
     forward_ns, return_ns  one-way delay of our newest message that was echoed, and of the last message received; None before an

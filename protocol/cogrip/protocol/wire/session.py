@@ -15,7 +15,7 @@ from cogrip.protocol.settings.rates import LEAST_DEVICE_HZ
 from cogrip.protocol.texts import clipped, shown
 from cogrip.protocol.wire import messages
 from cogrip.protocol.wire.accounts import ClientAccount
-from cogrip.protocol.wire.clock import Clock
+from cogrip.protocol.wire.clock import MessageClock
 from cogrip.protocol.wire.messages import (
     PROTOCOL_VERSION,
     Farewell,
@@ -112,7 +112,7 @@ class ClientSession:
         self._leave = b""
         self.state: ClientState = "idle"
         self.outbox: deque[bytes] = deque()
-        self.clock = Clock()
+        self.clock = MessageClock()
         self.welcome: Welcome | None = None
         self.farewell: Farewell | None = None
         self.last_received_ns = self.fresh_ns = self._reached_ns = 0
@@ -268,7 +268,7 @@ class ClientSession:
         self.silence_ns = now_ns - self.last_received_ns
         if renewed:
             self.renewed += 1
-            self.clock = Clock()
+            self.clock = MessageClock()
         else:
             self.resumed += 1
 

@@ -11,7 +11,7 @@ import msgspec
 from cogrip.devices.device import DeviceError
 from cogrip.devices.settings import parse_address
 from cogrip.devices.simulated.catalogue import make as make_simulated
-from cogrip.devices.simulated.device import SimulatedDevice
+from cogrip.devices.simulated.simulated_device import SimulatedDevice
 from cogrip.protocol.axes import PLACES
 
 Vector = tuple[float, ...]

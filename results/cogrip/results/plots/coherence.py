@@ -21,7 +21,7 @@ from cogrip.results.plots.style import (
     person_style,
 )
 from cogrip.results.summary_values import number as plain
-from cogrip.results.traces import MOST_PEOPLE, Run
+from cogrip.results.traces import MOST_PEOPLE, TracedRun
 
 _MOST_PAIRS = 6
 _HALF = 3  # number of pairs that are drawn dark
@@ -43,7 +43,7 @@ class Movement(NamedTuple):
     values: Array
 
 
-def movement(run: Run) -> Movement:
+def movement(run: TracedRun) -> Movement:
     """Return the velocities of all who have a trace and moved, along the axis that moved most, while all were there."""
     found = [(number, run.clients[name]) for number, name in enumerate(run.names[:MOST_PEOPLE]) if name in run.clients]
     if len(found) < 2:
@@ -77,7 +77,7 @@ def correlation(first: Array, second: Array, rate_hz: float) -> tuple[float, flo
     return float(near[reach]), float(near[best]), (best - reach) / rate_hz
 
 
-def coherence(run: Run) -> Figure:
+def coherence(run: TracedRun) -> Figure:
     """Draw the coherence of each pair by frequency, and below how much each hand moves there (Welch's method)."""
     moved = movement(run)
     rate_hz, values = moved.rate_hz, moved.values

@@ -27,7 +27,7 @@ from cogrip.results.plots.style import (
     title,
 )  # fmt: skip
 from cogrip.results.summary_values import lent_j
-from cogrip.results.traces import Run
+from cogrip.results.traces import TracedRun
 
 MOST_ROWS = 6  # most people that are drawn
 _BROADEST, _FINEST = 3.0, 1.0  # line widths of the first run and of the last
@@ -35,7 +35,7 @@ _PALEST = 0.45  # share of the colour in the first run's line
 _LONGEST_NAME = 40
 
 
-class Plot(NamedTuple):
+class ComparedPlot(NamedTuple):
     """Heading, what to look for, and what draws it; NotDrawnError says why there is nothing."""
 
     heading: str
@@ -46,7 +46,7 @@ class Plot(NamedTuple):
 class Side(NamedTuple):
     """One run, with what to call it and its lines' looks; `share` of a person's colour is in them."""
 
-    run: Run
+    run: TracedRun
     label: str
     style: Style
     share: float = 1.0
@@ -56,7 +56,7 @@ class Side(NamedTuple):
         return {**self.style, "color": shade(tint, self.share), "ls": self.dashes}
 
 
-def compared_plots(runs: Sequence[Run], labels: Sequence[str], names: Sequence[str]) -> Iterator[Plot]:
+def compared_plots(runs: Sequence[TracedRun], labels: Sequence[str], names: Sequence[str]) -> Iterator[ComparedPlot]:
     """Yield positions, forces and energy of the people who are named, of whom the first few are drawn."""
     widths = np.linspace(_BROADEST, _FINEST, len(runs)).tolist()
     sides = [
@@ -70,12 +70,12 @@ def compared_plots(runs: Sequence[Run], labels: Sequence[str], names: Sequence[s
     motions = {"Positions": (positions, "Each hand and the object"), "Forces": (forces, "The force on each hand")}
     for heading, (of, what) in motions.items():
         caption = f"{what}, in every run: where only the last run's line is seen inside the first's, they are the same."
-        yield Plot(heading, caption, partial(of, sides, names))
+        yield ComparedPlot(heading, caption, partial(of, sides, names))
         if window:
-            yield Plot(
+            yield ComparedPlot(
                 f"{heading}, in detail", f"{DETAIL_S:g} s of the middle.", partial(of, sides, names, window=window)
             )
-    yield Plot(
+    yield ComparedPlot(
         "Energy",
         "Left, solid the work of each hand, dashed what of it went into the line; right, the energy "
         "that the person's line holds, put in less taken out: a curve that enters the red has given out what nobody put in.",
@@ -126,7 +126,7 @@ def energies(sides: Sequence[Side], names: Sequence[str]) -> Figure:
     return energy_sheet(rows, _extent(sides), lent, "reserve of the whole line", legend)
 
 
-def whole_line(run: Run, name: str) -> Line | None:
+def whole_line(run: TracedRun, name: str) -> Line | None:
     """Return the energy that a person's line holds: put in at the client, not taken out at the object [J]."""
     return reserve(run, name, "line_reserve_j") if name in run.names else None
 

@@ -6,7 +6,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from cogrip.results.plots.style import ALARM, DASHED, Array, Legend, NotDrawnError, Style, label, person_style
-from cogrip.results.traces import MOST_PEOPLE, Run
+from cogrip.results.traces import MOST_PEOPLE, TracedRun
 
 Window = tuple[float, float]
 PROXY: Style = {"lw": 1.2, "ls": DASHED, "mfc": "white"}  # style of the proxy, the object's end
@@ -24,12 +24,12 @@ class Line(NamedTuple):
     style: Style
 
 
-def shown(run: Run) -> list[tuple[int, str]]:
+def shown(run: TracedRun) -> list[tuple[int, str]]:
     """Return (seat number, name) of the people who are drawn."""
     return list(enumerate(run.names[:MOST_PEOPLE]))
 
 
-def seat_columns(run: Run, number: int, name: str) -> Array | None:
+def seat_columns(run: TracedRun, number: int, name: str) -> Array | None:
     """Return a seat's column or vector, shape (rows, n); nan while nobody has the seat."""
     if run.room is None or f"{number}.seated" not in run.room.columns:
         return None
@@ -41,7 +41,7 @@ def seat_columns(run: Run, number: int, name: str) -> Array | None:
 RESERVES = ("up_reserve_j", "down_reserve_j", "line_reserve_j")
 
 
-def reserve(run: Run, name: str, key: str) -> Line | None:
+def reserve(run: TracedRun, name: str, key: str) -> Line | None:
     """Return one of RESERVES over time [J]; None where it is not recorded, as by older versions."""
     if key == "down_reserve_j":
         trace = run.clients.get(name)
@@ -68,7 +68,7 @@ def forbid(panel: Any, lines: Iterable[Line], lent_j: float | None, scale: float
     panel.locator_params(axis="y", nbins=4)
 
 
-def extent(run: Run) -> Window:
+def extent(run: TracedRun) -> Window:
     """Return the time from the first tick of any client to the last one."""
     traces = list(run.clients.values()) or ([run.room] if run.room else [])
     if not traces:
@@ -84,7 +84,7 @@ def detail(window: Window) -> Window | None:
     return (middle - 0.5 * DETAIL_S, middle + 0.5 * DETAIL_S) if end - start > _LONG_RUN_S else None
 
 
-def hands(run: Run, name: str, scale: float, **style: Any) -> Iterator[tuple[int, Line]]:
+def hands(run: TracedRun, name: str, scale: float, **style: Any) -> Iterator[tuple[int, Line]]:
     """Yield (axis, curve) of a vector of everybody's client trace."""
     for number, person in shown(run):
         trace = run.clients.get(person)
@@ -94,7 +94,7 @@ def hands(run: Run, name: str, scale: float, **style: Any) -> Iterator[tuple[int
             yield axis, Line(trace.time_s, values * scale, {**person_style(number), "lw": 1.2, **style})
 
 
-def seats(run: Run, name: str, scale: float) -> Iterator[tuple[int, Line]]:
+def seats(run: TracedRun, name: str, scale: float) -> Iterator[tuple[int, Line]]:
     """Yield (axis, curve) of a vector of every seat of the room."""
     for number, _ in shown(run):
         vectors = seat_columns(run, number, name)
@@ -104,7 +104,7 @@ def seats(run: Run, name: str, scale: float) -> Iterator[tuple[int, Line]]:
             yield axis, Line(run.room.time_s, values * scale, {**person_style(number), **PROXY})
 
 
-def object_lines(run: Run, scale: float, style: Style) -> Iterator[tuple[int, Line]]:
+def object_lines(run: TracedRun, scale: float, style: Style) -> Iterator[tuple[int, Line]]:
     """Yield (axis, curve) of the object: the room's own, or else as the first client received it."""
     source = run.room or next(iter(run.clients.values()), None)
     if source is None:
@@ -113,5 +113,5 @@ def object_lines(run: Run, scale: float, style: Style) -> Iterator[tuple[int, Li
         yield axis, Line(source.time_s, values * scale, style)
 
 
-def people_legend(run: Run, *others: tuple[str, Style]) -> Legend:
+def people_legend(run: TracedRun, *others: tuple[str, Style]) -> Legend:
     return [*((label(name), {**person_style(number), "lw": 2.0}) for number, name in shown(run)), *others]

@@ -21,7 +21,7 @@ from cogrip.results.plots.style import (
     title,
 )
 from cogrip.results.summary_values import lent_j
-from cogrip.results.traces import Run
+from cogrip.results.traces import TracedRun
 
 _LARGE_J = 5.0
 _LEDGERS = (("work by the hand", "-"), ("energy into the line", DASHED), ("device leak", DOTTED))
@@ -41,7 +41,7 @@ class EnergyRow(NamedTuple):
     reserves: list[Line]
 
 
-def energies(run: Run) -> Figure:
+def energies(run: TracedRun) -> Figure:
     """Draw a row for each person: ledgers left; right the lines' energy reserves, where recorded [J or mJ]."""
     rows = []
     for number, name in shown(run):

@@ -31,7 +31,7 @@ from cogrip.results.plots.style import (
     title,
 )  # fmt: skip
 from cogrip.results.summary_values import traits_of
-from cogrip.results.traces import Run, Trace
+from cogrip.results.traces import EndTrace, TracedRun
 
 _TURNING = {"mm": "mrad", "N": "N m"}
 _GROUPS = 1500  # most groups of frames for the pale band behind the waves
@@ -40,14 +40,14 @@ _DASHED: Style = {"color": FAINT, "ls": DASHED}
 _OBJECT: Style = {"color": INK, "lw": 2.2, "alpha": 0.75}
 
 
-def positions(run: Run) -> Figure:
+def positions(run: TracedRun) -> Figure:
     """Draw hands, proxies and object, a row for each axis [mm]."""
     lines = [*object_lines(run, 1e3, _OBJECT), *hands(run, "position_m", 1e3), *seats(run, "proxy_m", 1e3)]
     legend = people_legend(run, ("hand", _SOLID), ("proxy", _DASHED), ("object", _OBJECT))
     return _against_time(run, lines, "position", "mm", legend)
 
 
-def forces(run: Run) -> Figure:
+def forces(run: TracedRun) -> Figure:
     """Draw the force on each hand and on each proxy, a row for each axis [N]."""
     lines = [*hands(run, "force_n", 1.0), *seats(run, "force_n", 1.0)]
     return _against_time(
@@ -55,7 +55,7 @@ def forces(run: Run) -> Figure:
     )
 
 
-def waves(run: Run) -> Figure:
+def waves(run: TracedRun) -> Figure:
     """Draw the waves up and down at each client's port, a row for each axis [sqrt(W)]."""
     up, down = list(hands(run, "wave_up", 1.0, lw=1.1)), list(hands(run, "wave_down", 1.0, lw=1.1))
     if not up:
@@ -75,7 +75,7 @@ def waves(run: Run) -> Figure:
     return sheet.finish("time [s]", _labels(rows, "wave", "√W"), people_legend(run))
 
 
-def _against_time(run: Run, lines: list[tuple[int, Line]], quantity: str, unit: str, legend: Legend) -> Figure:
+def _against_time(run: TracedRun, lines: list[tuple[int, Line]], quantity: str, unit: str, legend: Legend) -> Figure:
     """Draw a row of panels for each axis; a long run has its middle seconds beside it."""
     if not lines:
         raise NotDrawnError("no trace is here")
@@ -105,7 +105,7 @@ def _labels(rows: int, quantity: str, unit: str) -> list[str]:
     return named if rows > 1 else [f"{quantity} [{unit}]"]
 
 
-def _bar_not_live(run: Run, panel: Axes) -> bool:
+def _bar_not_live(run: TracedRun, panel: Axes) -> bool:
     """Draw at the foot, in the person's colour, while their force was not let through. Return whether there is any."""
     found = False
     for number, name in shown(run):
@@ -116,7 +116,7 @@ def _bar_not_live(run: Run, panel: Axes) -> bool:
     return found
 
 
-def _bar_buttons(run: Run, panel: Axes) -> bool:
+def _bar_buttons(run: TracedRun, panel: Axes) -> bool:
     """Draw at the head, in the person's colour, while a button of theirs was down. Return whether there is any."""
     found = False
     for number, name in shown(run):
@@ -128,7 +128,7 @@ def _bar_buttons(run: Run, panel: Axes) -> bool:
     return found
 
 
-def _bar(panel: Axes, number: int, trace: Trace, on: NDArray[np.bool_], foot: float) -> bool:
+def _bar(panel: Axes, number: int, trace: EndTrace, on: NDArray[np.bool_], foot: float) -> bool:
     """Draw a bar while something is so; foot: of the panel's height. Return whether it ever is."""
     borders = np.flatnonzero(np.diff(on.astype(np.int8), prepend=0, append=0)).clip(max=trace.rows - 1)
     spans = [(trace.time_s[first], trace.time_s[last] - trace.time_s[first]) for first, last in borders.reshape(-1, 2)]

@@ -16,7 +16,7 @@ from cogrip.results.plots.style import (
     draw,
     person_style,
 )  # fmt: skip
-from cogrip.results.traces import Run
+from cogrip.results.traces import TracedRun
 
 MOST_BODIES = 8  # most bodies that are drawn: more are not told apart
 _LEAST_MM, _LEAST_DEG, _LEAST_N, _LEAST_SLIP_MM = 1.0, 1.0, 0.1, 0.001  # least heights of panels: below lies rounding
@@ -24,7 +24,7 @@ _AXES = 3
 _POSE = 7
 
 
-def bodies(run: Run) -> Figure:
+def bodies(run: TracedRun) -> Figure:
     """Draw place [mm], a row for each axis, and turn [degrees] of each body that is no tool, from where it began."""
     if run.bodies is None:
         raise NotDrawnError("the recording holds no poses of bodies")
@@ -62,7 +62,7 @@ def turned_deg(quaternions: Array) -> Array:
     return angles
 
 
-def contacts(run: Run) -> Figure:
+def contacts(run: TracedRun) -> Figure:
     """Draw normal force and friction [N] and slip [mm] of each tool."""
     rows = ("normal_n", 1.0, "normal force [N]"), ("friction_n", 1.0, "friction [N]"), ("slip_m", 1e3, "slip [mm]")
     if run.room is None or "0.normal_n" not in run.room.columns:

@@ -22,13 +22,13 @@ from cogrip.results.plots.style import (
     label,
     person_style,
 )
-from cogrip.results.traces import MOST_PEOPLE, Run, Trace
+from cogrip.results.traces import MOST_PEOPLE, EndTrace, TracedRun
 
 _PER_DECADE = 12
 _FLOOR_US = 0.1  # lateness of the first bin: a tick that is no later than this stands in it
 
 
-def link(run: Run) -> Figure:
+def link(run: TracedRun) -> Figure:
     """Draw the round-trip time [ms], and the frames lost so far, in each direction: late ones are not."""
     if not shown(run):
         raise NotDrawnError("nobody is named")
@@ -54,9 +54,9 @@ def link(run: Run) -> Figure:
     return sheet.finish("time [s]", ["round trip [ms]", "lost [frames]"], legend)
 
 
-def loops(run: Run) -> Figure:
+def loops(run: TracedRun) -> Figure:
     """Draw the share of ticks by lateness and by work [us], clients and server, logarithmic both ways."""
-    traces: list[tuple[str, Style, Trace]] = [
+    traces: list[tuple[str, Style, EndTrace]] = [
         (name, {"color": colour(number), "ls": LINES[number % len(LINES)], "lw": 1.5}, run.clients[name])
         for number, name in enumerate(run.names[:MOST_PEOPLE])
         if name in run.clients
@@ -96,7 +96,7 @@ def _histogram(panel: Axes, columns: Sequence[Array], styles: Sequence[Style]) -
     panel.set_xlim(0.7 * used, 1.5 * longest)
 
 
-def _skipped(trace: Trace) -> str:
+def _skipped(trace: EndTrace) -> str:
     """Count the ticks left out, as the pacer does."""
     count = int(trace.columns["skipped"][-1])
     return f"{count} of {count + trace.rows} ticks skipped"

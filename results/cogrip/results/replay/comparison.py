@@ -11,14 +11,14 @@ from typing import Any, get_args
 
 import msgspec
 
-from cogrip.protocol.recording.reader import Message
+from cogrip.protocol.recording.reader import RecordedMessage
 from cogrip.protocol.recording.records import KINDS, kind_of
 
 NOTHING = "nothing"
 
 
 @dataclass(frozen=True, slots=True)
-class Difference:
+class FirstDifference:
     """The first message that is not the same. Values are JSON text; NOTHING where one side has no such message."""
 
     time_ns: int
@@ -28,18 +28,18 @@ class Difference:
     replayed: str
 
 
-class Comparison:
+class ReplayComparison:
     """A `Sink` for the replayed messages; `expect` takes the recorded ones. Either may run ahead of the other."""
 
     def __init__(self, topics: Sequence[str]) -> None:
         self._topics = topics
         self._kinds = [KINDS.get(kind_of(topic)) for topic in topics]
-        self._recorded: deque[Message] = deque()
-        self._replayed: deque[Message] = deque()
+        self._recorded: deque[RecordedMessage] = deque()
+        self._replayed: deque[RecordedMessage] = deque()
         self.equal = 0
-        self.difference: Difference | None = None
+        self.difference: FirstDifference | None = None
 
-    def expect(self, message: Message) -> None:
+    def expect(self, message: RecordedMessage) -> None:
         if self._replayed:
             self._compare(message, self._replayed.popleft())
         else:
@@ -47,7 +47,7 @@ class Comparison:
 
     def put(self, topic: int, time_ns: int, payload: bytes) -> None:
         """See `Sink.put`."""
-        message = Message(topic, time_ns, payload)
+        message = RecordedMessage(topic, time_ns, payload)
         if self._recorded:
             self._compare(self._recorded.popleft(), message)
         else:
@@ -66,9 +66,9 @@ class Comparison:
     def untold(self, time_ns: int, topic: str) -> None:
         """Note that the core asked for an answer that the recording should hold and does not."""
         if self.difference is None:
-            self.difference = Difference(time_ns, topic, "", NOTHING, "an answer was asked for")
+            self.difference = FirstDifference(time_ns, topic, "", NOTHING, "an answer was asked for")
 
-    def _compare(self, recorded: Message, replayed: Message) -> None:
+    def _compare(self, recorded: RecordedMessage, replayed: RecordedMessage) -> None:
         if recorded == replayed:
             self.equal += 1
         elif recorded.topic != replayed.topic:
@@ -81,12 +81,12 @@ class Comparison:
         else:
             self.equal += 1
 
-    def _differ(self, message: Message, where: str, recorded: str, replayed: str) -> None:
+    def _differ(self, message: RecordedMessage, where: str, recorded: str, replayed: str) -> None:
         if self.difference is None:
-            self.difference = Difference(message.time_ns, self._topics[message.topic], where, recorded, replayed)
+            self.difference = FirstDifference(message.time_ns, self._topics[message.topic], where, recorded, replayed)
 
 
-def _text(message: Message) -> str:
+def _text(message: RecordedMessage) -> str:
     return message.payload.decode("utf-8", "replace")
 
 

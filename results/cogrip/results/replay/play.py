@@ -15,7 +15,7 @@ from cogrip.client.recorder import RecordedClient
 from cogrip.client.recorder import start_of as client_start
 from cogrip.client.tick_record import sample_of
 from cogrip.machine.tick_count import TickCount
-from cogrip.protocol.recording.reader import Message
+from cogrip.protocol.recording.reader import RecordedMessage
 from cogrip.protocol.recording.records import Datagram, Input, Step, Tick
 from cogrip.protocol.recording.sink import Sink
 from cogrip.protocol.wire.messages import Hello
@@ -46,7 +46,7 @@ class Play(Protocol):
 
     ticks: int
 
-    def take(self, message: Message) -> None:
+    def take(self, message: RecordedMessage) -> None:
         """Do what an input tells; let an output pass. Raises ValueError for what is not known."""
         ...
 
@@ -68,7 +68,7 @@ class ClientPlay:
         self._kinds = replay_input.kinds
         self._waiting: list[tuple[bytes, int]] = []
 
-    def take(self, message: Message) -> None:
+    def take(self, message: RecordedMessage) -> None:
         self.core.outbox.clear()  # recorded; nobody is there to receive it
         kind, now_ns = self._kinds[message.topic], message.time_ns
         if kind == "tick":
@@ -122,7 +122,7 @@ class ServerPlay:
         topics = {step_topic(room.name): room for room in self.core.rooms}
         self._rooms = [topics.get(topic) for topic in replay_input.recording.topics]
 
-    def take(self, message: Message) -> None:
+    def take(self, message: RecordedMessage) -> None:
         kind, now_ns, core = self._kinds[message.topic], message.time_ns, self.core
         core.outbox.clear()  # recorded; nobody is there to receive it
         core.events.clear()

@@ -6,7 +6,7 @@ from collections.abc import Iterator
 import msgspec
 
 from cogrip.protocol.recording.derived import DERIVED
-from cogrip.protocol.recording.reader import Damage, Message, Recording
+from cogrip.protocol.recording.reader import Damage, RecordedMessage, Recording
 from cogrip.protocol.recording.records import KINDS, Answer, Clock, Gap, kind_of
 
 _answer = msgspec.json.Decoder(Answer).decode
@@ -31,10 +31,10 @@ class ReplayInput:
         self.first_ns: int | None = None
         self.last_ns = 0
         self._messages = self._read()
-        self._ahead: deque[Message] = deque()
+        self._ahead: deque[RecordedMessage] = deque()
         self._answers: deque[Answer] = deque()
 
-    def _read(self) -> Iterator[Message]:
+    def _read(self) -> Iterator[RecordedMessage]:
         recording = self.recording
         for chunk in recording.chunks():
             if recording.damage:  # between the chunk before and this one something is missing
@@ -54,7 +54,7 @@ class ReplayInput:
         if recording.complete and recording.damage:
             self.hole, self.hole_ns = recording.damage[0], recording.damage[0].from_ns
 
-    def _take(self, message: Message) -> None:
+    def _take(self, message: RecordedMessage) -> None:
         self._ahead.append(message)
         if self.kinds[message.topic] == "answer":
             self._answers.append(_answer(message.payload))
@@ -64,7 +64,7 @@ class ReplayInput:
         """Nothing is known to be missing of what was read so far."""
         return self.hole is None and not self.cut
 
-    def __iter__(self) -> Iterator[Message]:
+    def __iter__(self) -> Iterator[RecordedMessage]:
         while True:
             if not self._ahead:
                 following = next(self._messages, None)

@@ -8,13 +8,13 @@ from dataclasses import dataclass
 from cogrip.protocol.recording.header import versions_here
 from cogrip.protocol.recording.reader import Damage, Recording, RecordingError
 from cogrip.protocol.recording.records import Gap
-from cogrip.results.replay.comparison import Comparison, Difference
+from cogrip.results.replay.comparison import FirstDifference, ReplayComparison
 from cogrip.results.replay.play import PLAYS, Play
 from cogrip.results.replay.replay_input import ReplayInput, UntoldError
 
 
 @dataclass(frozen=True, slots=True)
-class Verdict:
+class ReplayVerdict:
     """The outcome of replaying one recording.
 
     messages, ticks  compared and equal; ticks of a client, steps of a server
@@ -28,7 +28,7 @@ class Verdict:
     messages: int
     ticks: int
     seconds: float
-    difference: Difference | None
+    difference: FirstDifference | None
     versions: tuple[str, ...]
     hole: Damage | Gap | None
     hole_ns: int | None
@@ -39,25 +39,25 @@ class Verdict:
         return self.difference is None and self.hole is None
 
 
-def verify(recording: Recording) -> Verdict:
+def verify(recording: Recording) -> ReplayVerdict:
     """Play a recording through a new core. Raises RecordingError for one that cannot be played."""
     header = recording.header
     if header.role not in PLAYS:
         raise RecordingError(f"{recording.path} is of a {header.role!r}; only {' and '.join(PLAYS)} can be replayed")
-    replay_input, comparison = ReplayInput(recording), Comparison(recording.topics)
+    replay_input, comparison = ReplayInput(recording), ReplayComparison(recording.topics)
     try:
         play = PLAYS[header.role](replay_input, comparison)
         _compare(replay_input, play, comparison)
     except (KeyError, ValueError, TypeError, IndexError) as error:
         raise RecordingError(f"{recording.path} cannot be replayed: {error}") from error
     first_ns = replay_input.first_ns if replay_input.first_ns is not None else replay_input.last_ns
-    return Verdict(
+    return ReplayVerdict(
         header.who, first_ns, comparison.equal, play.ticks, (replay_input.last_ns - first_ns) * 1e-9, comparison.difference,
         tuple(header.versions.differences(versions_here())), replay_input.hole, replay_input.hole_ns, replay_input.cut,
     )  # fmt: skip
 
 
-def _compare(replay_input: ReplayInput, play: Play, comparison: Comparison) -> None:
+def _compare(replay_input: ReplayInput, play: Play, comparison: ReplayComparison) -> None:
     try:
         for message in replay_input:
             comparison.expect(message)

@@ -29,7 +29,7 @@ Hands = Literal["same", "impedance", "positions"]
 
 
 @dataclass(frozen=True, slots=True)
-class World:
+class WhatIf:
     """Settings that a laboratory is to run, and with which tick of the session, at their own rate, each person begins.
 
     overloads: people whose recorded devices would be asked for more than they carry, though others stand in for them.
@@ -40,7 +40,7 @@ class World:
     overloads: tuple[str, ...] = ()
 
 
-def what_if(run: RunRecords, changes: Mapping[str, Any], hands: Hands = "same") -> World:
+def what_if(run: RunRecords, changes: Mapping[str, Any], hands: Hands = "same") -> WhatIf:
     """A laboratory session with the hands of `run`; `changes` as `--set` gives them. People begin when they began.
 
     hands: `same` takes simulated hands as they were and all others through an impedance.
@@ -73,7 +73,7 @@ def what_if(run: RunRecords, changes: Mapping[str, Any], hands: Hands = "same") 
         for number, (before, after, record) in enumerate(zip(table["users"], settings.users, records, strict=True))
         if before["device"] == after.device  # nobody was given another one
     ]
-    return World(settings, tuple(begins), tuple(text for text in overloads if text))
+    return WhatIf(settings, tuple(begins), tuple(text for text in overloads if text))
 
 
 def _start(run: RunRecords, user: User) -> tuple[Hello, Capability]:

@@ -5,32 +5,32 @@ from pathlib import Path
 from typing import NamedTuple
 
 from cogrip.results.comparison import (
-    Difference,
+    RunDifference,
     check_comparable,
     differences_of_runs,
     labels_of,
     settings_differences,
 )
 from cogrip.results.report.page import about, picture, render_page, verdict_of
-from cogrip.results.report.tables import Cell, Row, Table, plain
-from cogrip.results.traces import Run, load_run
+from cogrip.results.report.tables import Cell, ReportTable, TableRow, plain
+from cogrip.results.traces import TracedRun, load_run
 
 KIND = "comparison"
 _MARK = f'content="cogrip {KIND}"'
 _MARK_WITHIN = 1000  # bytes of the page's head within which the mark stands
 
 
-class Comparison(NamedTuple):
+class ComparedRuns(NamedTuple):
     """The page, its numbers, which are differences to the first run, and what a reader has to know of them."""
 
     page: Path
-    rows: list[Difference]
+    rows: list[RunDifference]
     notes: list[str]
 
 
 def write_comparison(
     out: Path, folders: Sequence[Path], labels: Sequence[str] | None = None, notes: Sequence[str] = ()
-) -> Comparison:
+) -> ComparedRuns:
     """Write the page on these run folders to `out`. notes: sentences that stand at its head.
 
     An earlier comparison at `out` is replaced. Raises FileExistsError for any other file there, FileNotFoundError for a
@@ -41,7 +41,7 @@ def write_comparison(
     runs = [load_run(folder) for folder in folders]
     labels = labels or labels_of(folders)
     out.write_text(compare(runs, labels, notes), encoding="utf-8")
-    return Comparison(out, *differences_of_runs(runs, labels))
+    return ComparedRuns(out, *differences_of_runs(runs, labels))
 
 
 def is_comparison(path: Path) -> bool:
@@ -52,7 +52,7 @@ def is_comparison(path: Path) -> bool:
         return _MARK.encode() in file.read(_MARK_WITHIN)
 
 
-def compare(runs: Sequence[Run], labels: Sequence[str], notes: Sequence[str] = ()) -> str:
+def compare(runs: Sequence[TracedRun], labels: Sequence[str], notes: Sequence[str] = ()) -> str:
     """Return the page; differences are to the first run. Raises ComparisonError for runs that cannot be compared."""
     from matplotlib.colors import to_hex
 
@@ -85,22 +85,22 @@ def compare(runs: Sequence[Run], labels: Sequence[str], notes: Sequence[str] = (
     )
 
 
-def _settings_table(runs: Sequence[Run], labels: Sequence[str]) -> Table | str:
+def _settings_table(runs: Sequence[TracedRun], labels: Sequence[str]) -> ReportTable | str:
     unknown = [label for run, label in zip(runs, labels, strict=True) if not run.settings]
     if unknown:
         return f"The settings of {', '.join(unknown)} are not known."
     rows = [
-        Row(key, "", [
+        TableRow(key, "", [
             Cell(plain(value, key.rpartition(".")[2]), f"text{'' if value == values[0] else ' changed'}")
             for value in values
         ])
         for key, values in settings_differences([run.settings for run in runs])
     ]  # fmt: skip
-    return Table(["", *labels], rows) if rows else "None."
+    return ReportTable(["", *labels], rows) if rows else "None."
 
 
-def _numbers_table(found: Sequence[Difference], labels: Sequence[str]) -> Table:
-    rows: list[Row | str] = []
+def _numbers_table(found: Sequence[RunDifference], labels: Sequence[str]) -> ReportTable:
+    rows: list[TableRow | str] = []
     who = None
     for each in found:
         if each.who != who:
@@ -110,5 +110,5 @@ def _numbers_table(found: Sequence[Difference], labels: Sequence[str]) -> Table:
         cells = [Cell(first)]
         for number, text in enumerate(others, 1):
             cells += Cell(text), Cell(each.shown_change(number), "unit")
-        rows.append(Row(each.quantity.what, each.quantity.unit, cells))
-    return Table(["", labels[0], *(head for label in labels[1:] for head in (label, "difference"))], rows)
+        rows.append(TableRow(each.quantity.what, each.quantity.unit, cells))
+    return ReportTable(["", labels[0], *(head for label in labels[1:] for head in (label, "difference"))], rows)

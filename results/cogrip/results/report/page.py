@@ -13,7 +13,7 @@ from cogrip.results.folder import write_whole
 from cogrip.results.judgement import Tone
 from cogrip.results.report.tables import dropped_table, people_table, room_table, settings_tables
 from cogrip.results.summary_values import dig, lent_j, number
-from cogrip.results.traces import MOST_PEOPLE, Run, load_run
+from cogrip.results.traces import MOST_PEOPLE, TracedRun, load_run
 from cogrip.results.verdict_text import verdict
 
 if TYPE_CHECKING:
@@ -42,7 +42,7 @@ def write_report(folder: Path) -> Path:
     return report
 
 
-def draw_plots(run: Run) -> list[Picture]:
+def draw_plots(run: TracedRun) -> list[Picture]:
     """Draw every plot that can be drawn, each also as a file; earlier files of these names are replaced."""
     from cogrip.results.plots.registry import PLOTS as PLOT_TABLE  # matplotlib takes a second to import
 
@@ -90,7 +90,7 @@ def render_page(template: str, *, title: str, kind: str, **parts: object) -> str
     return _templates().get_template(template).render(title=title, kind=kind, **parts)
 
 
-def render(run: Run, pictures: list[Picture]) -> str:
+def render(run: TracedRun, pictures: list[Picture]) -> str:
     """Return the report as HTML."""
     summary = run.summary
     name = str(summary.get("name") or run.settings.get("name") or run.folder.name)
@@ -112,7 +112,7 @@ def render(run: Run, pictures: list[Picture]) -> str:
     )
 
 
-def about(run: Run, first: str) -> list[str]:
+def about(run: TracedRun, first: str) -> list[str]:
     """Return two lines on the run, `first` at their head."""
     seconds, seed = run.summary.get("seconds"), run.summary.get("seed", run.settings.get("seed"))
     people = "1 person" if len(run.names) == 1 else f"{len(run.names)} people"
@@ -120,6 +120,6 @@ def about(run: Run, first: str) -> list[str]:
     return [f"{first} · {number(seconds)} s · {people} · seed {number(seed, digits=0)}", f"Run by {by}"]
 
 
-def verdict_of(run: Run) -> list[tuple[Tone, str]]:
+def verdict_of(run: TracedRun) -> list[tuple[Tone, str]]:
     """Return the verdict's sentences, each with its tone."""
     return verdict(run.summary, lent_j(run.settings))

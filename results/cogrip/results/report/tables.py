@@ -39,7 +39,7 @@ class Cell(NamedTuple):
     css: str = ""
 
 
-class Row(NamedTuple):
+class TableRow(NamedTuple):
     """One row: its heading with a unit, and its cells."""
 
     label: str
@@ -47,23 +47,23 @@ class Row(NamedTuple):
     cells: list[Cell]
 
 
-class Table(NamedTuple):
+class ReportTable(NamedTuple):
     """One table: headings of its columns, and its rows; a text among the rows heads those after it."""
 
     head: Sequence[str]
-    rows: Sequence[Row | str]
+    rows: Sequence[TableRow | str]
 
 
 class SettingsTables(NamedTuple):
     """A table for each section of the settings, and one of the users."""
 
-    sections: list[Table]
-    users: Table
+    sections: list[ReportTable]
+    users: ReportTable
 
 
-def row(label: str, cells: Iterable[str], unit: str = "", css: str = "") -> Row:
+def row(label: str, cells: Iterable[str], unit: str = "", css: str = "") -> TableRow:
     """Return a row of cells of one look."""
-    return Row(label, unit, [Cell(text, css) for text in cells])
+    return TableRow(label, unit, [Cell(text, css) for text in cells])
 
 
 def _at(path: str, scale: float = 1.0, digits: int = 1) -> Show:
@@ -245,7 +245,7 @@ _SCENE_TEXTS = (
 )
 
 
-def _rows(lines: Iterable[_Line | str], shown: Sequence[dict[str, Any]]) -> list[Row | str]:
+def _rows(lines: Iterable[_Line | str], shown: Sequence[dict[str, Any]]) -> list[TableRow | str]:
     """Return the rows; one in which nothing was to be known of anybody is left out."""
     rows = [
         line if isinstance(line, str) else row(line[0], map(line[2], shown), line[1], _TEXT if line[0] == "reason" else "")
@@ -258,7 +258,7 @@ def _rows(lines: Iterable[_Line | str], shown: Sequence[dict[str, Any]]) -> list
     ]
 
 
-def people_table(summary: Summary) -> Table | str:
+def people_table(summary: Summary) -> ReportTable | str:
     """Return a column for each seat session of each person."""
     users = people(summary)
     if not users:
@@ -271,10 +271,10 @@ def people_table(summary: Summary) -> Table | str:
     shown = seat_sessions(users)
     peaks = [line for key, line in _PEAKS.items() if any(is_number(each.get(key)) and each[key] for each in shown)]
     place = [line[0] for line in _PERSON].index("peak force") + 1
-    return Table(["", *names], _rows([*_PERSON[:place], *peaks, *_PERSON[place:]], shown))
+    return ReportTable(["", *names], _rows([*_PERSON[:place], *peaks, *_PERSON[place:]], shown))
 
 
-def room_table(summary: Summary) -> Table:
+def room_table(summary: Summary) -> ReportTable:
     """Return the object at the end, the energy balance of its steps, and the server's loop."""
     server = dig(summary, "server")
     loop = server if isinstance(server, dict) else {}
@@ -289,16 +289,16 @@ def room_table(summary: Summary) -> Table:
         for key, words in _SCENE_TEXTS:
             if texts := dig(summary, "server", "scene", key):
                 rows.append(row(words, ["; ".join(map(str, texts))]))
-    return Table([], [*rows, *_rows(_LOOP, [loop])])
+    return ReportTable([], [*rows, *_rows(_LOOP, [loop])])
 
 
-def dropped_table(summary: Summary) -> Table | str:
+def dropped_table(summary: Summary) -> ReportTable | str:
     """Return what was dropped, refused or dealt with, by the name of its reason."""
     dropped = dig(summary, "server", "dropped")
     if not isinstance(dropped, dict):
         return "What was dropped is not known."
     rows = [row(str(reason), [number(count, digits=0)]) for reason, count in dropped.items() if count]
-    return Table([], rows) if rows else "No datagram was dropped."
+    return ReportTable([], rows) if rows else "No datagram was dropped."
 
 
 def settings_tables(settings: dict[str, Any]) -> SettingsTables | str:
@@ -316,9 +316,9 @@ def settings_tables(settings: dict[str, Any]) -> SettingsTables | str:
         elif key != "users":
             sections[""] = {**sections[""], key: value}
     tables = [
-        Table(
+        ReportTable(
             [f"[{name}]" if name else "session", ""],
-            [Row(str(key), "", [_setting(value, dig(usual, *filter(None, (name, key))))])
+            [TableRow(str(key), "", [_setting(value, dig(usual, *filter(None, (name, key))))])
              for key, value in section.items() if value not in _EMPTY or dig(usual, *filter(None, (name, key))) not in _EMPTY],
         )
         for name, section in sections.items()
@@ -328,11 +328,11 @@ def settings_tables(settings: dict[str, Any]) -> SettingsTables | str:
     defaults = msgspec.to_builtins(User())
     keys = dict.fromkeys(key for user in users for key in user if key != "name")
     rows = [
-        Row(str(key), "", [_setting(user.get(key), defaults.get(key), key) for user in users])
+        TableRow(str(key), "", [_setting(user.get(key), defaults.get(key), key) for user in users])
         for key in keys
         if any(user.get(key) not in _EMPTY or defaults.get(key) not in _EMPTY for user in users)
     ]
-    return SettingsTables(tables, Table(["users", *map(name_of, users)], rows))
+    return SettingsTables(tables, ReportTable(["users", *map(name_of, users)], rows))
 
 
 def _setting(value: Any, default: Any, key: str = "") -> Cell:

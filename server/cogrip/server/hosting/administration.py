@@ -13,16 +13,16 @@ from cogrip.server.hosting.public_socket import PublicSocket
 from cogrip.server.io.authenticator import READING, TokenAuthenticator
 from cogrip.server.io.control import (
     NO_CLUSTER,
-    Answer,
     Control,
-    Drain,
-    Kick,
-    Mark,
-    Reload,
+    DrainOrder,
+    KickOrder,
+    MarkOrder,
+    OrderReply,
+    ReloadOrder,
     Request,
-    SetHand,
-    Status,
-    Who,
+    SetHandOrder,
+    StatusOrder,
+    WhoOrder,
 )
 from cogrip.server.io.metrics_feed import MetricsFeed
 from cogrip.server.io.published_state import PublishedState
@@ -39,7 +39,7 @@ class _Waiting:
     request: Request
     asked: list[Home]
     until_ns: int
-    answers: list[Answer] = field(default_factory=list)
+    answers: list[OrderReply] = field(default_factory=list)
 
 
 class Administration:
@@ -136,17 +136,17 @@ class Administration:
         """Hand an order over to the workers that it concerns."""
         assert self._control is not None
         order = request.order
-        if isinstance(order, Reload):
+        if isinstance(order, ReloadOrder):
             text, ok = self._reload()
             if not (ok and self._authenticator and self._front.homes.rereads):
                 self._control.answer(request, text, ok=ok)
                 return  # else each room has to read them, and to end who came in by them
-        if isinstance(order, Drain):
+        if isinstance(order, DrainOrder):
             text, ok = self._drain(order.host)
             self._control.answer(request, text, ok=ok)
             return
-        room = "" if isinstance(order, Status | Reload) else order.room
-        if isinstance(order, SetHand) and not room:
+        room = "" if isinstance(order, StatusOrder | ReloadOrder) else order.room
+        if isinstance(order, SetHandOrder) and not room:
             seats = sorted(self._front.rooms_of(order.user))
             if len(seats) > 1:
                 text = f"{order.user!r} is seated in several rooms; name one by --room"
@@ -203,15 +203,15 @@ class Administration:
         return Snapshot(self._software, uptime_s, tuple(rooms), dict(dropped), received, sent, dict(failed), degraded)
 
 
-def merged(order: object, answers: Sequence[Answer], rooms: int) -> Answer:
+def merged(order: object, answers: Sequence[OrderReply], rooms: int) -> OrderReply:
     """Return one answer of several workers; rooms: of all."""
     if not answers:
-        return Answer(False, "no worker has answered; try again")
+        return OrderReply(False, "no worker has answered; try again")
     if len(answers) == 1:
         return answers[0]
     good = [answer for answer in answers if answer.ok]
     match order:
-        case Who() if good:
+        case WhoOrder() if good:
             people = tuple(
                 sorted((who for each in good for who in each.people), key=lambda who: (who.room, who.seat is None))
             )
@@ -219,11 +219,11 @@ def merged(order: object, answers: Sequence[Answer], rooms: int) -> Answer:
             words = f"{len(people)} in {rooms} rooms" if people else "nobody is here"
             silent = {answer.text for answer in answers if not answer.ok}
             words = "; ".join([words, *sorted(silent)])
-            return Answer(True, f"{words}; {more} are not listed" if more > 0 else words, people[:MOST_LISTED])
-        case Reload() if len(good) == len(answers):
-            return Answer(True, f"tokens were read again in {len(good)} rooms")
-        case Mark() if good:
-            return Answer(True, f"marked in {rooms} rooms: {order.text}")
-        case Kick() | SetHand() if good:
-            return Answer(True, "; ".join(dict.fromkeys(answer.text for answer in good)))
-    return Answer(bool(good), "; ".join(dict.fromkeys(answer.text for answer in good or answers)))
+            return OrderReply(True, f"{words}; {more} are not listed" if more > 0 else words, people[:MOST_LISTED])
+        case ReloadOrder() if len(good) == len(answers):
+            return OrderReply(True, f"tokens were read again in {len(good)} rooms")
+        case MarkOrder() if good:
+            return OrderReply(True, f"marked in {rooms} rooms: {order.text}")
+        case KickOrder() | SetHandOrder() if good:
+            return OrderReply(True, "; ".join(dict.fromkeys(answer.text for answer in good)))
+    return OrderReply(bool(good), "; ".join(dict.fromkeys(answer.text for answer in good or answers)))

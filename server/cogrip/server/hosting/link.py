@@ -15,7 +15,7 @@ from cogrip.machine.server_platform import receive_with_descriptors, send_with_d
 from cogrip.protocol.io.dtls_session import SessionKeys
 from cogrip.server.admission import Denied, Grant
 from cogrip.server.events import ServerEvent
-from cogrip.server.io.control import Answer, AnyOrder
+from cogrip.server.io.control import AnyOrder, OrderReply
 
 MOST_BYTES = 1 << 18  # longest message
 BUFFER_BYTES = 1 << 20
@@ -117,7 +117,7 @@ class HandOver(ToWorker, frozen=True, tag="hand over"):
     """Leave a checkpoint of this moment, and end without a goodbye: another process goes on with the rooms."""
 
 
-class End(ToWorker, frozen=True, tag="end"):
+class EndRooms(ToWorker, frozen=True, tag="end"):
     """Say goodbye to everybody and end."""
 
     reason: str
@@ -141,7 +141,7 @@ class Say(ToFront, frozen=True, tag="say"):
     message: bytes
 
 
-class Asked(ToFront, frozen=True, tag="asked"):
+class HelloByPath(ToFront, frozen=True, tag="asked"):
     """A hello came by a path: ask the authenticator."""
 
     address: PeerAddress
@@ -162,13 +162,13 @@ class Released(ToFront, frozen=True, tag="released"):
     address: PeerAddress
 
 
-class Admitted(ToFront, frozen=True, tag="admitted"):
+class SeatGiven(ToFront, frozen=True, tag="admitted"):
     """A seat was given by this grant."""
 
     grant: Grant
 
 
-class Revoke(ToFront, frozen=True, tag="revoke"):
+class RevokeToken(ToFront, frozen=True, tag="revoke"):
     """Revoke a token."""
 
     token: str
@@ -178,10 +178,10 @@ class Answered(ToFront, frozen=True, tag="answered"):
     """Answer to an order."""
 
     number: int
-    answer: Answer
+    answer: OrderReply
 
 
-class Measured(ToFront, frozen=True, tag="measured"):
+class NewSnapshot(ToFront, frozen=True, tag="measured"):
     """Newest snapshot of the worker, encoded."""
 
     snapshot: bytes
@@ -200,14 +200,29 @@ class Saved(ToFront, frozen=True, tag="saved"):
     last: bool = False
 
 
-class Ended(ToFront, frozen=True, tag="ended"):
+class ProcessEnded(ToFront, frozen=True, tag="ended"):
     """The process ends with this exit code."""
 
     code: int
 
 
-AnyToWorker = Assign | Ask | Path | Stray | Forget | Obey | Void | Serve | Begin | DirectoryContact | HandOver | End
-AnyToFront = Ready | Say | Asked | Astray | Released | Admitted | Revoke | Answered | Measured | Said | Saved | Ended
+AnyToWorker = (
+    Assign | Ask | Path | Stray | Forget | Obey | Void | Serve | Begin | DirectoryContact | HandOver | EndRooms
+)
+AnyToFront = (
+    Ready
+    | Say
+    | HelloByPath
+    | Astray
+    | Released
+    | SeatGiven
+    | RevokeToken
+    | Answered
+    | NewSnapshot
+    | Said
+    | Saved
+    | ProcessEnded
+)
 
 _encode = msgspec.msgpack.Encoder().encode
 _to_worker: Callable[[bytes], AnyToWorker] = msgspec.msgpack.Decoder(AnyToWorker).decode
@@ -218,7 +233,7 @@ class LinkEndedError(Exception):
     """The other end has gone."""
 
 
-class Link:
+class ProcessLink:
     """One end. dropped: counts of messages that found no room, by reason."""
 
     def __init__(self, end: socket.socket) -> None:

@@ -3,8 +3,8 @@
 from collections import deque
 from collections.abc import Sequence
 
-from cogrip.server.hosting.link import Answered, Link, Measured
-from cogrip.server.io.control import Answer, AnyOrder, Request
+from cogrip.server.hosting.link import Answered, NewSnapshot, ProcessLink
+from cogrip.server.io.control import AnyOrder, OrderReply, Request
 from cogrip.server.roster import RosterEntry
 from cogrip.server.snapshot import Snapshot, encode
 
@@ -12,7 +12,7 @@ from cogrip.server.snapshot import Snapshot, encode
 class LinkOrders:
     """Orders of the front, in place of `Control`."""
 
-    def __init__(self, link: Link) -> None:
+    def __init__(self, link: ProcessLink) -> None:
         self._link = link
         self._waiting: deque[Request] = deque()
 
@@ -29,7 +29,7 @@ class LinkOrders:
     def answer(self, request: Request, text: str, *, ok: bool = True, people: Sequence[RosterEntry] = ()) -> None:
         """Answer an order."""
         assert isinstance(request.caller, int)
-        self._link.send(Answered(request.caller, Answer(ok, text, tuple(people))))
+        self._link.send(Answered(request.caller, OrderReply(ok, text, tuple(people))))
 
     def close(self) -> None:
         """Do nothing: the link goes on."""
@@ -38,13 +38,13 @@ class LinkOrders:
 class LinkMeasures:
     """Snapshots for the front, in place of `MetricsFeed`. not_taken: those that found no room."""
 
-    def __init__(self, link: Link) -> None:
+    def __init__(self, link: ProcessLink) -> None:
         self._link = link
         self.not_taken = 0
 
     def put(self, snapshot: Snapshot) -> None:
         """Send a snapshot."""
-        self.not_taken += not self._link.send(Measured(encode(snapshot)))
+        self.not_taken += not self._link.send(NewSnapshot(encode(snapshot)))
 
     def close(self) -> None:
         """Do nothing: the link goes on."""

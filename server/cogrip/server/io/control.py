@@ -47,7 +47,7 @@ class Order(msgspec.Struct, frozen=True, forbid_unknown_fields=True, tag_field="
     """Order to a server."""
 
 
-class Kick(Order, frozen=True, tag="kick"):
+class KickOrder(Order, frozen=True, tag="kick"):
     """End the sessions of this name."""
 
     user: Word
@@ -56,14 +56,14 @@ class Kick(Order, frozen=True, tag="kick"):
     revoke: bool = False  # void their token too
 
 
-class Mark(Order, frozen=True, tag="mark"):
+class MarkOrder(Order, frozen=True, tag="mark"):
     """Set a marker."""
 
     text: Words
     room: Word = ""  # name of the room; "" every room
 
 
-class SetHand(Order, frozen=True, tag="set"):
+class SetHandOrder(Order, frozen=True, tag="set"):
     """Change somebody's hand settings."""
 
     user: Word
@@ -71,27 +71,27 @@ class SetHand(Order, frozen=True, tag="set"):
     room: Word = ""  # name of the room; "" whichever
 
 
-class Reload(Order, frozen=True, tag="reload"):
+class ReloadOrder(Order, frozen=True, tag="reload"):
     """Read the tokens again."""
 
 
-class Status(Order, frozen=True, tag="status"):
+class StatusOrder(Order, frozen=True, tag="status"):
     """Return uptime and rooms."""
 
 
-class Who(Order, frozen=True, tag="who"):
+class WhoOrder(Order, frozen=True, tag="who"):
     """Return the roster."""
 
     room: Word = ""  # name of the room; "" every room
 
 
-class Drain(Order, frozen=True, tag="drain"):
+class DrainOrder(Order, frozen=True, tag="drain"):
     """Let the rooms of a host of the cluster move to others."""
 
     host: Words
 
 
-class Answer(msgspec.Struct, frozen=True, forbid_unknown_fields=True, omit_defaults=True):
+class OrderReply(msgspec.Struct, frozen=True, forbid_unknown_fields=True, omit_defaults=True):
     """Answer to an order."""
 
     ok: bool
@@ -100,7 +100,7 @@ class Answer(msgspec.Struct, frozen=True, forbid_unknown_fields=True, omit_defau
 
 
 NO_CLUSTER = "this server is no part of a cluster (serve --cluster): it has one host, which cannot be drained"
-AnyOrder = Kick | Mark | SetHand | Reload | Status | Who | Drain
+AnyOrder = KickOrder | MarkOrder | SetHandOrder | ReloadOrder | StatusOrder | WhoOrder | DrainOrder
 
 
 @dataclass(slots=True, eq=False)
@@ -188,7 +188,7 @@ class Control:
     def answer(self, request: Request, text: str, *, ok: bool = True, people: Sequence[RosterEntry] = ()) -> None:
         """Answer an order; a caller that has gone is counted."""
         if isinstance(request.caller, _Caller) and request.caller in self._callers:
-            self._answer(request.caller, Answer(ok, text, tuple(people)))
+            self._answer(request.caller, OrderReply(ok, text, tuple(people)))
         else:
             self.dropped["nobody waits"] += 1
 
@@ -241,12 +241,12 @@ class Control:
 
     def _refuse(self, caller: _Caller, reason: str, text: str) -> None:
         self.dropped[reason] += 1
-        self._answer(caller, Answer(False, text))
+        self._answer(caller, OrderReply(False, text))
 
-    def _answer(self, caller: _Caller, answer: Answer) -> None:
+    def _answer(self, caller: _Caller, answer: OrderReply) -> None:
         line = msgspec.json.encode(answer) + b"\n"
         if len(line) > MOST_ANSWER_BYTES:
-            line = msgspec.json.encode(Answer(False, f"the answer would have {len(line)} bytes, too many")) + b"\n"
+            line = msgspec.json.encode(OrderReply(False, f"the answer would have {len(line)} bytes, too many")) + b"\n"
         caller.unsent = line
         self._send(caller)
 
@@ -271,7 +271,7 @@ class Control:
         caller.socket.close()
 
 
-def ask(folder: StateFolder, order: AnyOrder, limit_s: float = ASK_LIMIT_S) -> Answer:
+def ask(folder: StateFolder, order: AnyOrder, limit_s: float = ASK_LIMIT_S) -> OrderReply:
     """Ask the running server, and wait for its answer. Raises NotRunningError, ControlError."""
     path = _fit_path(folder)
     received = bytearray()
@@ -299,7 +299,7 @@ def ask(folder: StateFolder, order: AnyOrder, limit_s: float = ASK_LIMIT_S) -> A
         except OSError as error:
             raise ControlError(f"{path}: the server cannot be asked: {error.strerror}; run this as its user") from None
     try:
-        return msgspec.json.decode(received, type=Answer)
+        return msgspec.json.decode(received, type=OrderReply)
     except (msgspec.DecodeError, UnicodeDecodeError, RecursionError):
         raise ControlError(
             f"the server with the state in {folder.path} broke off before it answered; look at what it says itself"

@@ -15,14 +15,14 @@ AWAY_LIMIT_NS, AWAY_MOST = 100_000_000, 4096
 
 
 class DatagramPath:
-    """Path of one port. limit_ns: for how long datagrams are received before a tick.
+    """Path of one socket. limit_ns: for how long datagrams are received before a tick.
 
     received, sent  datagrams so far, at the socket
     cut_short       times that some datagrams were left for the next tick
     """
 
-    def __init__(self, port: DatagramSocket, channel: ServerChannel, core: ServerCore, limit_ns: int) -> None:
-        self._port, self._channel, self._core, self._limit_ns = port, channel, core, limit_ns
+    def __init__(self, datagrams: DatagramSocket, channel: ServerChannel, core: ServerCore, limit_ns: int) -> None:
+        self._socket, self._channel, self._core, self._limit_ns = datagrams, channel, core, limit_ns
         self.received = self.sent = self.cut_short = 0
 
     def drain(self, now_ns: int, late_ns: int = 0, until_ns: int = 0) -> None:
@@ -38,7 +38,7 @@ class DatagramPath:
         every = CLOCK_EVERY
         if until_ns:
             limit_ns, every = until_ns - now_ns, EARLY_CLOCK_EVERY  # it must not make the step late
-        core, receive, decrypt = self._core, self._port.receive, self._channel.receive
+        core, receive, decrypt = self._core, self._socket.receive, self._channel.receive
         renewed, most_bytes = self._channel.renewed, MAX_DATAGRAM_BYTES + 1
         for count in range(most):
             if count % every == every - 1 and time.monotonic_ns() - now_ns > limit_ns:
@@ -78,5 +78,5 @@ class DatagramPath:
         outbox = self._channel.outbox
         if outbox:
             self.sent += len(outbox)
-            for refused in self._port.send_all(outbox):
+            for refused in self._socket.send_all(outbox):
                 self._core.handle(inputs.SocketFailed(refused), time.monotonic_ns())

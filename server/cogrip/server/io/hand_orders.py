@@ -6,7 +6,7 @@ from typing import NamedTuple
 from cogrip.protocol.settings.hand import unfit
 from cogrip.server import inputs
 from cogrip.server.core import ServerCore
-from cogrip.server.io.control import Request, SetHand
+from cogrip.server.io.control import Request, SetHandOrder
 from cogrip.server.seats.participants import Seat
 
 ANSWER_NS = 3_000_000_000  # longest time that a client may take to answer: less than the one who asks waits
@@ -20,14 +20,14 @@ class _Waiting(NamedTuple):
     """Order that its client has to answer. number: of its change."""
 
     request: Request
-    order: SetHand
+    order: SetHandOrder
     seat: Seat
     session: int
     number: int
     until_ns: int
 
 
-class HandOrders:
+class AwaitedOrders:
     """Those that wait for a client. say: answers an order."""
 
     def __init__(self, core: ServerCore, say: Say) -> None:
@@ -35,7 +35,7 @@ class HandOrders:
         self._say = say
         self._waiting: list[_Waiting] = []
 
-    def obey(self, request: Request, order: SetHand, now_ns: int) -> None:
+    def obey(self, request: Request, order: SetHandOrder, now_ns: int) -> None:
         """Tell the change, or answer why not."""
         named = [
             who for room, who in self._core.roster()

@@ -13,8 +13,19 @@ from cogrip.server.checkpoint import CheckpointError, decode, encode
 from cogrip.server.events import ServerEvent
 from cogrip.server.io.authenticator import READING
 from cogrip.server.io.checkpoint_file import CheckpointWriter, WriterThread
-from cogrip.server.io.control import NO_CLUSTER, Control, Drain, Kick, Mark, Orders, Reload, Request, SetHand, Who
-from cogrip.server.io.hand_orders import HandOrders
+from cogrip.server.io.control import (
+    NO_CLUSTER,
+    Control,
+    DrainOrder,
+    KickOrder,
+    MarkOrder,
+    Orders,
+    ReloadOrder,
+    Request,
+    SetHandOrder,
+    WhoOrder,
+)
+from cogrip.server.io.hand_orders import AwaitedOrders
 from cogrip.server.io.loop import LiveServer
 from cogrip.server.io.published_state import PublishedState
 from cogrip.server.io.service_notify import ServiceNotifier
@@ -118,7 +129,7 @@ class Housekeeping:
         server.marked = trigger.fire if trigger else None
         self._notifier = ServiceNotifier()
         self._control = orders or (Control(folder) if folder else None)
-        self._hand_orders = HandOrders(server.core, lambda request, text, ok: self._answer(request, text, ok))
+        self._hand_orders = AwaitedOrders(server.core, lambda request, text, ok: self._answer(request, text, ok))
         self._writers: dict[str, Checkpoints] = {}
         self._thread: WriterThread | None = None  # of all writers
         rooms = [room.name for room in server.core.rooms]
@@ -347,18 +358,18 @@ class Housekeeping:
     def _obey(self, request: Request) -> None:
         entries: list[RosterEntry] = []
         match request.order:
-            case Kick() as order:
+            case KickOrder() as order:
                 text, ok = self._kick(order)
-            case Mark() as order:
+            case MarkOrder() as order:
                 text, ok = self._mark(order)
-            case SetHand() as order:
+            case SetHandOrder() as order:
                 self._hand_orders.obey(request, order, time.monotonic_ns())
                 return
-            case Reload():
+            case ReloadOrder():
                 text, ok = self._reload()
-            case Drain():
+            case DrainOrder():
                 text, ok = NO_CLUSTER, False
-            case Who() as order:
+            case WhoOrder() as order:
                 text, ok, entries = self._who(order)
             case _:
                 text, ok = self._status(), True
@@ -368,7 +379,7 @@ class Housekeeping:
         assert self._control is not None
         self._control.answer(request, text, ok=ok, people=people)
 
-    def _kick(self, order: Kick) -> tuple[str, bool]:
+    def _kick(self, order: KickOrder) -> tuple[str, bool]:
         core = self._server.core
         named = [who for room, who in core.roster() if who.name == order.user and order.room in ("", room.name)]
         tokens = {who.token for who in named} - {""}
@@ -383,7 +394,7 @@ class Housekeeping:
         revoked = f"revoked: {', '.join(sorted(tokens))}" if tokens else "there was no token to revoke"
         return f"{order.user} was kicked; {revoked}", True
 
-    def _mark(self, order: Mark) -> tuple[str, bool]:
+    def _mark(self, order: MarkOrder) -> tuple[str, bool]:
         now_ns = time.monotonic_ns()
         self._server.count_deserted(now_ns, order.room)  # the marker has a step
         rooms = self._server.core.handle(inputs.Mark(order.text, order.room), now_ns)
@@ -393,7 +404,7 @@ class Housekeeping:
             else ("no such room", False)
         )
 
-    def _who(self, order: Who) -> tuple[str, bool, list[RosterEntry]]:
+    def _who(self, order: WhoOrder) -> tuple[str, bool, list[RosterEntry]]:
         rooms = [room for room in self._server.core.rooms if order.room in ("", room.name)]
         if not rooms:
             return f"there is no room {order.room!r} here", False, []

@@ -30,7 +30,7 @@ from cogrip.server.events import UNAUTHENTICATED_EVENTS, ServerEvent
 from cogrip.server.io.call_limit import call_limit
 from cogrip.server.io.datagram_path import DatagramPath
 from cogrip.server.io.paced_room import PacedRoom, deserted_among, next_due_ns, step_due, take_due
-from cogrip.server.io.udp_socket import DatagramSocket, PortRange, ServerChannel, UdpSocket
+from cogrip.server.io.udp_socket import DatagramSocket, ServerChannel, UdpRange, UdpSocket
 from cogrip.server.rate_limit import Buckets, Budget
 from cogrip.server.recorder import WHO, RecordedServer
 from cogrip.server.room import Room
@@ -79,7 +79,7 @@ class LiveServer:
     channel: ServerChannel = field(init=False)
     pacers: dict[str, Pacer] = field(init=False, default_factory=dict)
     recorder: Recorder | None = field(init=False, default=None)
-    _port: DatagramSocket = field(init=False)
+    _socket: DatagramSocket = field(init=False)
     _start_ns: int = field(init=False, default=0)
     _overran: int = field(init=False, default=0)
     _path: DatagramPath = field(init=False)
@@ -90,15 +90,15 @@ class LiveServer:
     _awake: list[PacedRoom] = field(init=False, default_factory=list)
     _asleep: dict[Room, PacedRoom] = field(init=False, default_factory=dict)  # rooms that are deserted
 
-    def listen(self, ports: PortRange | None = None) -> tuple[str, int]:
+    def listen(self, ports: UdpRange | None = None) -> tuple[str, int]:
         """Bind, and return (host, port). ports: to take one of, in place of `port`. Raises ServeError."""
-        port = UdpSocket(self.host, self.port, ports)
-        self.serve_at(port)
-        return port.place
+        opened = UdpSocket(self.host, self.port, ports)
+        self.serve_at(opened)
+        return opened.place
 
-    def serve_at(self, port: DatagramSocket) -> None:
-        """Serve at a port that is open already. Raises what `open_channel` raises, the port being closed then."""
-        self._port = port
+    def serve_at(self, opened: DatagramSocket) -> None:
+        """Serve at a socket that is open already. Raises what `open_channel` raises, the socket being closed then."""
+        self._socket = opened
         services = AdmissionServices(
             lambda: secrets.randbelow(2**63 - 1) + 1, self.authenticator, lambda: secrets.token_urlsafe(16), ticket_hash
         )
@@ -113,11 +113,11 @@ class LiveServer:
             raise
         half_frame_ns = min(500_000_000 // room.rates.network_hz for room in self.rooms)
         self._most_early_ns = 2 * half_frame_ns // EARLY_PART
-        self._path = DatagramPath(port, self.channel, self.core, half_frame_ns)
+        self._path = DatagramPath(opened, self.channel, self.core, half_frame_ns)
 
     def close(self) -> None:
-        """Free the port where `run` is not called."""
-        self._port.close()
+        """Close the socket where `run` is not called."""
+        self._socket.close()
 
     @property
     def elapsed_s(self) -> float:
@@ -134,7 +134,7 @@ class LiveServer:
             pacers[room.name] = pacer = Pacer(room.settings.rates.network_hz, self._start_ns)
             self.core.count_ticks(room, pacer.count)
         try:
-            with closing(self._port):
+            with closing(self._socket):
                 self._loop(pacers)
                 self.count_deserted(time.monotonic_ns())
                 self._farewell()
@@ -187,7 +187,7 @@ class LiveServer:
         if self._path.cut_short:
             dropped["left for the next tick"] = self._path.cut_short  # times that some were
         with suppress(OSError):  # the socket is closed: the last count holds
-            self._overran = self._port.overruns()
+            self._overran = self._socket.overruns()
         if self._overran:
             dropped[OVERRUN] = self._overran
         return dict(dropped)

@@ -75,7 +75,7 @@ class ServerCollector(Collector):
             yield from families(snapshot)
 
 
-class Page(BaseHTTPRequestHandler):
+class MetricsPage(BaseHTTPRequestHandler):
     """Answers of one connection."""
 
     timeout = ASK_LIMIT_S
@@ -148,7 +148,7 @@ class MetricsServer(ThreadingHTTPServer):
         server = os.getppid()
         ProcessCollector(namespace="cogrip", pid=lambda: server, registry=self.registry)
         self._open = {}
-        super().__init__(("127.0.0.1", port), Page)
+        super().__init__(("127.0.0.1", port), MetricsPage)
 
     def process_request(self, request: Any, client_address: Any) -> None:
         if len(self._open) < MOST_AT_ONCE:

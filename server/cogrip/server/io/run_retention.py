@@ -39,7 +39,7 @@ def mark_run(folder: Path) -> int:
 
 
 @dataclass(frozen=True, slots=True)
-class Run:
+class LeftRun:
     """Run that a server left. ended_s: when its newest file was written [Unix s]."""
 
     folder: Path
@@ -48,12 +48,12 @@ class Run:
     finished: bool
 
 
-def runs_below(base: Path) -> list[Run]:
+def runs_below(base: Path) -> list[LeftRun]:
     """Return the runs right below `base` that servers of this user have left, the oldest first. Raises OSError."""
     return sorted(filter(None, map(_run, base.iterdir())), key=lambda run: run.ended_s)
 
 
-def _run(folder: Path) -> Run | None:
+def _run(folder: Path) -> LeftRun | None:
     lock = folder / LOCK
     with suppress(OSError):
         for path, is_kind in ((folder, stat.S_ISDIR), (lock, stat.S_ISREG)):
@@ -64,7 +64,7 @@ def _run(folder: Path) -> Run | None:
         written = any(is_being_written(path) for path, _ in files if path.suffix == ".mcap" or path == lock)
         # what files take on the disk, and where the system does not say it, what they hold
         sizes = add_integers(getattr(each, "st_blocks", each.st_size // 512) * 512 for _, each in files)
-        return Run(folder, max(each.st_mtime for _, each in files), sizes, not written)
+        return LeftRun(folder, max(each.st_mtime for _, each in files), sizes, not written)
     return None  # it has gone, or is not to be read
 
 
@@ -74,7 +74,7 @@ def _files(folder: Path) -> Iterator[Path]:
             yield Path(path, name)
 
 
-def to_remove(runs: list[Run], now_s: float, keep_s: float | None, keep_bytes: int | None) -> list[Run]:
+def to_remove(runs: list[LeftRun], now_s: float, keep_s: float | None, keep_bytes: int | None) -> list[LeftRun]:
     """Return the finished runs that are older than `keep_s`, and the oldest ones while all are more than `keep_bytes`."""
     kept_bytes = add_integers(run.size_bytes for run in runs)
     chosen = []

@@ -35,7 +35,7 @@ class DatagramSocket(Protocol):
         """Close all sockets."""
 
 
-class PortRange(NamedTuple):
+class UdpRange(NamedTuple):
     """UDP ports of which a server takes one that is free. Both ends belong to it."""
 
     first: int
@@ -52,7 +52,7 @@ class ServerChannel(Channel, Protocol):
 class UdpSocket:
     """One bound UDP socket. place: its host and port. Raises ServeError."""
 
-    def __init__(self, host: str, port: int, ports: PortRange | None = None) -> None:
+    def __init__(self, host: str, port: int, ports: UdpRange | None = None) -> None:
         """ports: to take one of, in place of `port`."""
         try:
             family = socket.getaddrinfo(host, port, type=socket.SOCK_DGRAM)[0]
@@ -80,7 +80,7 @@ class UdpSocket:
         self._socket.close()
 
 
-def _bind_one(made: socket.socket, host: str, address: tuple[Any, ...], ports: PortRange) -> None:
+def _bind_one(made: socket.socket, host: str, address: tuple[Any, ...], ports: UdpRange) -> None:
     """Bind to the first port of a range that is free. Raises OSError, ServeError."""
     for port in range(ports.first, ports.last + 1):
         try:

@@ -13,7 +13,7 @@ from cogrip.protocol.axes import PLACES
 from cogrip.protocol.line.energy_sums import CompensatedSum
 from cogrip.protocol.line.received_waves import ReceivedWaves
 from cogrip.protocol.settings.seat import SeatSettings
-from cogrip.protocol.wire.clock import Clock
+from cogrip.protocol.wire.clock import MessageClock
 from cogrip.server.ports.port import Row
 from cogrip.server.ports.seat_limits import FASTER, SeatLimits
 from cogrip.server.ports.wave_port import WavePort
@@ -74,7 +74,7 @@ class LocalPort(WavePort):
             receiver.write_off([*deficit, *(0.0,) * len(turning)])
         return (0.0,) * len(absorbed) + turning
 
-    def message(self, session: int, clock: Clock, now_ns: int, object_state: Row, port_j: float) -> bytes:
+    def message(self, session: int, clock: MessageClock, now_ns: int, object_state: Row, port_j: float) -> bytes:
         self._engaged = engaged = object_state[2 * self.axes :]
         if engaged and engaged != self._told:
             self._told, self._told_ns = engaged, now_ns

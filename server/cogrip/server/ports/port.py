@@ -12,7 +12,7 @@ from cogrip.protocol.line.receiver import LineReceiver
 from cogrip.protocol.settings.seat import SeatSettings
 from cogrip.protocol.wire.accounts import LinkCount, PlayoutAccount
 from cogrip.protocol.wire.button_edges import EdgeReceiver
-from cogrip.protocol.wire.clock import Clock
+from cogrip.protocol.wire.clock import MessageClock
 from cogrip.server.ports.seat_limits import SeatLimits
 
 Row = tuple[float, ...]
@@ -73,7 +73,7 @@ class Port:
         """Send the world's answer to a step."""
         raise NotImplementedError
 
-    def message(self, session: int, clock: Clock, now_ns: int, object_state: Row, port_j: float) -> bytes:
+    def message(self, session: int, clock: MessageClock, now_ns: int, object_state: Row, port_j: float) -> bytes:
         """Return the message of this step, encoded, with the clock's stamp.
 
         object_state: position [m], then velocity [m/s]

@@ -13,10 +13,10 @@ from cogrip.machine.addition import add_floats
 from cogrip.protocol.laws.passivity_control import CHARGE_DOWN_J, LENT_J
 from cogrip.protocol.line.energy_sums import CompensatedSum
 from cogrip.protocol.settings.seat import SeatSettings
-from cogrip.protocol.wire.clock import Clock
+from cogrip.protocol.wire.clock import MessageClock
 from cogrip.protocol.wire.messages import Power, encode
 from cogrip.server.ports.port import Row
-from cogrip.server.ports.seat_limits import EnergyLimiter, SeatLimits
+from cogrip.server.ports.seat_limits import LineEnergyLimiter, SeatLimits
 from cogrip.server.ports.state_port import LatestStatePort
 
 
@@ -30,7 +30,7 @@ class PowerPort(LatestStatePort[Power]):
         super().__init__(seat, limits)
         axes = self.axes
         self._frame_s = frame_s = seat.rates.frame_s
-        self._energy = EnergyLimiter(frame_s, limits, power_left)
+        self._energy = LineEnergyLimiter(frame_s, limits, power_left)
         self._lent = LENT_J / axes
         self._received = self._pace = self._still = (0.0,) * axes
         self._in = [CompensatedSum() for _ in range(axes)]
@@ -113,7 +113,7 @@ class PowerPort(LatestStatePort[Power]):
     def limited(self) -> dict[str, int]:
         return {**self._states.counts, **self._energy.counts}
 
-    def message(self, session: int, clock: Clock, now_ns: int, object_state: Row, port_j: float) -> bytes:
+    def message(self, session: int, clock: MessageClock, now_ns: int, object_state: Row, port_j: float) -> bytes:
         axes = self.axes
         entered, taken = [tuple([energy.value for energy in direction]) for direction in (self._in, self._out)]
         return encode(Power(

@@ -31,7 +31,7 @@ FASTER = 1.01  # factor by which a sender's clock may be faster than ours
 Row = tuple[float, ...]
 
 
-class Record(msgspec.Struct, frozen=True):
+class ClaimedRecord(msgspec.Struct, frozen=True):
     """Device record, as a hello claims it."""
 
     device: str
@@ -42,7 +42,7 @@ class Record(msgspec.Struct, frozen=True):
     torque_nm: float = 0.0
     speed_radps: float = 0.0
 
-    def is_of(self, other: "Record | None") -> bool:
+    def is_of(self, other: "ClaimedRecord | None") -> bool:
         """Return whether both are of one device: of an older peer only the first SHORT characters are known."""
         if other is None or msgspec.structs.replace(self, device=other.device) != other:
             return False
@@ -71,14 +71,14 @@ class SeatLimits(msgspec.Struct, frozen=True):
         return largest * largest + other * other
 
 
-def record_of(hello: Hello) -> Record:
+def record_of(hello: Hello) -> ClaimedRecord:
     """Return the device record of a hello."""
     axes, rate_hz = hello.device_axes, hello.device_rate_hz
     turning = hello.device_torque_nm, hello.device_speed_radps
-    return Record(hello.device, axes, rate_hz, hello.device_force_n, hello.device_speed_mps, *turning)
+    return ClaimedRecord(hello.device, axes, rate_hz, hello.device_force_n, hello.device_speed_mps, *turning)
 
 
-def limits_of(record: Record, settings: Settings, number: int, tool: ToolFrame | None = None) -> SeatLimits:
+def limits_of(record: ClaimedRecord, settings: Settings, number: int, tool: ToolFrame | None = None) -> SeatLimits:
     """Return the bounds of seat `number` with this device record. tool: how the hand moves its tool (theory 1.1)."""
     admission = settings.admission
 
@@ -97,7 +97,7 @@ def limits_of(record: Record, settings: Settings, number: int, tool: ToolFrame |
     return SeatLimits(force, speed, power or force * speed + torque * turning, torque, turning)
 
 
-def misclaimed(record: Record, settings: Settings, number: int) -> str:
+def misclaimed(record: ClaimedRecord, settings: Settings, number: int) -> str:
     """Return why seat `number` does not accept this device record, "" if it does."""
     admission, user = settings.admission, settings.users[number]
     for claim, bound, unit, key, kind in (
@@ -207,7 +207,7 @@ class WaveLimiter(PowerBucket):
         self._returned = square
 
 
-class EnergyLimiter(PowerBucket):
+class LineEnergyLimiter(PowerBucket):
     """Bounds the energy that comes out of a line: `limit` it before a step, `book` the net energy after it. Rows in J.
 
     The bucket is that of `WaveLimiter`: a line brings in at most power * (time + BURST_S), whatever its client claims to have

@@ -4,7 +4,7 @@ from typing import Generic, TypeVar
 
 from cogrip.protocol.line.latest_state import StateReceiver
 from cogrip.protocol.settings.seat import SeatSettings
-from cogrip.protocol.wire.clock import Clock
+from cogrip.protocol.wire.clock import MessageClock
 from cogrip.protocol.wire.messages import Latest, State, encode
 from cogrip.server.ports.port import Port, Row
 from cogrip.server.ports.seat_limits import SeatLimits, StateLimiter
@@ -92,7 +92,7 @@ class StatePort(LatestStatePort[State]):
         """Least such error: of the energy of both directions only the difference is known."""
         return self._rounding * abs(self._receiver.latest.port_j) if self._receiver.latest else 0.0
 
-    def message(self, session: int, clock: Clock, now_ns: int, object_state: Row, port_j: float) -> bytes:
+    def message(self, session: int, clock: MessageClock, now_ns: int, object_state: Row, port_j: float) -> bytes:
         row, axes = self._row, self.axes
         return encode(State(
             session, self._number, row[:axes], row[axes:], port_j, self._receiver.acknowledged, clock.stamp(now_ns),

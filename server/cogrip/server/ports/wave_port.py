@@ -14,7 +14,7 @@ from cogrip.protocol.settings.line_tuning import bounded
 from cogrip.protocol.settings.rates import NS_PER_S
 from cogrip.protocol.settings.seat import SeatSettings
 from cogrip.protocol.wire.accounts import PlayoutAccount
-from cogrip.protocol.wire.clock import Clock
+from cogrip.protocol.wire.clock import MessageClock
 from cogrip.protocol.wire.messages import Waves
 from cogrip.server.ports.port import Port, Row, Turned
 from cogrip.server.ports.seat_limits import SeatLimits, WaveLimiter
@@ -184,7 +184,7 @@ class WavePort(Port):
     def port_in_j(self) -> float | None:
         return self._port_j
 
-    def message(self, session: int, clock: Clock, now_ns: int, object_state: Row, port_j: float) -> bytes:
+    def message(self, session: int, clock: MessageClock, now_ns: int, object_state: Row, port_j: float) -> bytes:
         receiver = self._receiver
         return encode_waves(
             session, self._sender, self._made_j.value, port_j, receiver.next_number(), clock, now_ns, object_state,

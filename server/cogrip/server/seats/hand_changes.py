@@ -14,7 +14,7 @@ TOLD_HZ = 16
 MOST_UNTOLD = 8  # most changes that are on their way at once
 
 
-class HandChanges:
+class SentChanges:
     """Those of one seat session.
 
     holds    what the client goes by, as it reported last; before that, what the seat's settings say
@@ -22,7 +22,7 @@ class HandChanges:
     wanted   frame of the tool by settings and changes; reports are a client's word
     """
 
-    def __init__(self, seat: SeatSettings, network_hz: int, before: "HandChanges | None" = None) -> None:
+    def __init__(self, seat: SeatSettings, network_hz: int, before: "SentChanges | None" = None) -> None:
         """before: of this client's last seat session, which it resumes with the hand that it had."""
         self.holds = seat.hand_change
         self.taken = 0

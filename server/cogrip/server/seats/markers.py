@@ -18,7 +18,7 @@ BURST = 20
 MOST_TAKEN = 64  # most markers of one seat that are known when they are repeated: a client has fewer on their way
 
 
-class Markers:
+class RoomMarkers:
     """Those of one room. `add` takes one, `due` gives the messages of a step.
 
     refused  how many came faster than one seat may set them

@@ -8,16 +8,16 @@ from cogrip.protocol.line.received_waves import ReceivedWaves
 from cogrip.protocol.secure.channel import Address
 from cogrip.protocol.settings.seat import SeatSettings
 from cogrip.protocol.wire.accounts import ClientAccount, SeatAccount
-from cogrip.protocol.wire.clock import Clock
+from cogrip.protocol.wire.clock import MessageClock
 from cogrip.protocol.wire.messages import Edges, Frame, Stamp
 from cogrip.protocol.wire.session import LOST_NS, QUIET_NS, SEAT
 from cogrip.server.checkpoint import SeatCheckpoint
 from cogrip.server.ports.port import Port
-from cogrip.server.ports.seat_limits import Record, SeatLimits
+from cogrip.server.ports.seat_limits import ClaimedRecord, SeatLimits
 from cogrip.server.rate_limit import HELLOS, Buckets
 from cogrip.server.seats.effects import EffectSender
 from cogrip.server.seats.geometry_sender import GeometrySender
-from cogrip.server.seats.hand_changes import HandChanges
+from cogrip.server.seats.hand_changes import SentChanges
 from cogrip.server.seats.stiffness_adaptation import StiffnessAdapter
 
 MOST_EARLIER = 8  # most seat sessions before the last one of which a seat keeps the accounts
@@ -39,7 +39,7 @@ class Participant:
         self.session = self.nonce = 0
         self.address: Address = None
         self.last_received_ns = self.since_ns = self.asked_ns = 0
-        self.clock = Clock()
+        self.clock = MessageClock()
         self.ticket = self.ticket_hash = self.token = ""
         self.hellos = Buckets(1, HELLOS)
 
@@ -47,7 +47,7 @@ class Participant:
         """Begin a session."""
         self.session, self.nonce = session, nonce
         self.last_received_ns = self.since_ns = now_ns
-        self.clock = Clock()
+        self.clock = MessageClock()
 
     def void_ticket(self) -> None:
         """Void the session ticket, so that nobody can resume the session."""
@@ -81,7 +81,7 @@ class Seat(Participant):
         self.port: Port | None = None
         self.adapter: StiffnessAdapter | None = None
         self.geometry: GeometrySender | None = None  # where its client renders contact
-        self.hand = HandChanges(settings, settings.rates.network_hz)
+        self.hand = SentChanges(settings, settings.rates.network_hz)
         self.effects: EffectSender | None = None  # once there are any
         self.on_object = False
         self.line_margin_j = 0.0  # of both directions of the line together, as `line_reserve`
@@ -89,7 +89,7 @@ class Seat(Participant):
         self.account: ClientAccount | None = None  # reported by the client when it left
         self.last: SeatAccount | None = None  # of this end, at that time
         self.earlier: list[SeatSession] = []  # oldest first
-        self.record: Record | None = None  # of the device that the seat was taken with
+        self.record: ClaimedRecord | None = None  # of the device that the seat was taken with
         self.limits = SeatLimits()  # of what it may bring in
         self.reserved_until_ns: int | None = None  # for the ticket's holder
         self.farewell = b""  # the last one, to be repeated

@@ -35,7 +35,7 @@ MOST_OUT_M = 1e-3
 MOST_OUTS = 8
 
 
-class LocalScene(SceneWorld):
+class LocalSceneWorld(SceneWorld):
     """See `SceneWorld`. `geometry` is that of each seat; a tool that has none is engaged from joining to leaving.
 
     Raises SceneError for one that its hand turns: the hand would feel the line alone, whatever it asks for.

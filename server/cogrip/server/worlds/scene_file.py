@@ -22,7 +22,7 @@ import mujoco  # type: ignore[import-untyped]
 import numpy as np
 
 from cogrip.machine.addition import add_integers
-from cogrip.machine.trial import MEMORY_BYTES, TrialError, tried
+from cogrip.machine.trial import MEMORY_BYTES, TrialLimitError, tried
 from cogrip.protocol.axes import PLACES, POSE_AXES
 from cogrip.protocol.settings.sections import Settings
 from cogrip.protocol.settings.types import PINCH, Orientation, Side
@@ -238,7 +238,7 @@ def _made(
     if digest not in _tried:
         try:
             refusal = tried(partial(_refusal, load, files))
-        except TrialError as error:
+        except TrialLimitError as error:
             raise SceneError(f"{files.name}: {error}; make it smaller") from None
         if refusal:
             raise SceneError(refusal)

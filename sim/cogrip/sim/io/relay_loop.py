@@ -15,7 +15,7 @@ from typing import Any
 
 from cogrip.machine.addition import add_integers
 from cogrip.machine.platform import system, time
-from cogrip.machine.realtime import Measure, engage, release
+from cogrip.machine.realtime import RealTimeMeasure, engage, release
 from cogrip.machine.receive_buffer import OVERRUN, enlarge, overrun
 from cogrip.machine.stop import Stop
 from cogrip.protocol.secure.channel import place_text
@@ -60,7 +60,7 @@ class LiveRelay:
     each_second: Callable[[int], None] = lambda now_ns: None
     seconds: float | None = None
     counts: Counter[str] = field(init=False, default_factory=Counter)
-    measures: list[Measure] = field(init=False, default_factory=list)
+    measures: list[RealTimeMeasure] = field(init=False, default_factory=list)
     bound: tuple[str, int] = field(init=False, default=("", 0))
     far: tuple[str, int] = field(init=False, default=("", 0))
     started_ns: int = field(init=False, default=0)

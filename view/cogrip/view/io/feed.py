@@ -14,10 +14,10 @@ from cogrip.client.observer_loop import LiveObserver
 from cogrip.machine.stop import Stop
 from cogrip.protocol.wire.session import ClientSession
 from cogrip.view import frames
-from cogrip.view.frames import Frame
+from cogrip.view.frames import SceneFrame
 from cogrip.view.live import LiveScene
 from cogrip.view.recording import RecordedView
-from cogrip.view.scene import Scene, SceneEvent, to_json
+from cogrip.view.scene import PageScene, SceneEvent, to_json
 from cogrip.view.tab import Tab
 
 
@@ -32,11 +32,11 @@ class Feed(Protocol):
     ended: str
 
     @property
-    def frame(self) -> Frame | None:
+    def frame(self) -> SceneFrame | None:
         """Newest frame."""
 
     @property
-    def scene(self) -> Scene:
+    def scene(self) -> PageScene:
         """Scene as it is now."""
 
     def chunk(self, number: int) -> bytes:
@@ -55,11 +55,11 @@ class RecordedFeed:
 
     recorded: RecordedView
     tabs: dict[Tab, bool] = field(init=False, default_factory=dict)
-    frame: Frame | None = field(init=False, default=None)
+    frame: SceneFrame | None = field(init=False, default=None)
     ended: str = field(init=False, default="")
 
     @property
-    def scene(self) -> Scene:
+    def scene(self) -> PageScene:
         """Scene of the recording."""
         return self.recorded.scene
 
@@ -77,9 +77,9 @@ class LiveFeed:
     hello_session: ClientSession
     paths: Paths
     say: Callable[[str], None]
-    scene: Scene = field(init=False)
+    scene: PageScene = field(init=False)
     tabs: dict[Tab, bool] = field(init=False, default_factory=dict)
-    frame: Frame | None = field(init=False, default=None)
+    frame: SceneFrame | None = field(init=False, default=None)
     ended: str = field(init=False, default="")
     core: ObserverCore = field(init=False)
     _stop: Stop = field(init=False, default_factory=Stop)
@@ -144,7 +144,7 @@ class LiveFeed:
         except RuntimeError:  # the loop has been closed: nobody looks any more
             self._stop.reason = "the view is closed"
 
-    def _publish(self, scene: Scene, events: list[SceneEvent], frame: Frame, message: bytes) -> None:
+    def _publish(self, scene: PageScene, events: list[SceneEvent], frame: SceneFrame, message: bytes) -> None:
         changed = scene is not self.scene
         self.scene, self.frame = scene, frame
         for tab, hand in self.tabs.items():

@@ -22,7 +22,7 @@ from cogrip.view.io.feed import LiveFeed
 from cogrip.view.io.foxglove_socket import speak
 from cogrip.view.io.hand_process import HandProcess
 from cogrip.view.io.page_server import Admitted, DeniedError, PageServer
-from cogrip.view.io.process import LOOKED_AGAIN_S, PortError, port_taken
+from cogrip.view.io.process import LOOKED_AGAIN_S, ListeningError, address_taken
 
 MOST_SESSIONS = 64  # most observers of the server at once, one for each token
 SEAT_S = 30.0  # time in which a hand has to get its seat
@@ -77,7 +77,7 @@ class Gateway:
     _server: PageServer = field(init=False)
 
     def run(self) -> str:
-        """Return why the gateway ended before its time, "" where it was stopped. Raises PortError."""
+        """Return why the gateway ended before its time, "" where it was stopped. Raises ListeningError."""
         return asyncio.run(self._run())
 
     async def _run(self) -> str:
@@ -89,7 +89,7 @@ class Gateway:
         try:
             await server.listen(self.host, self.port, self.tls)
         except OSError as error:
-            raise PortError(port_taken(self.port, error)) from None
+            raise ListeningError(address_taken(self.port, error)) from None
         scheme, front_ends = "http" if self.tls is None else "https", self.front_ends if self.foxglove else ()
         server.access = Access(self.hosts(server.port), scheme, public=self.origins, front_ends=front_ends)
         self.own.start()

@@ -22,7 +22,7 @@ LOOKED_AGAIN_S = 0.1  # time between two looks at the stop flag
 LOOPBACK = "127.0.0.1"
 
 
-class PortError(Exception):
+class ListeningError(Exception):
     """The port cannot be had. The text says why and what to do."""
 
 
@@ -50,7 +50,7 @@ class ViewProcess:
     token: str = field(init=False, default_factory=lambda: secrets.token_urlsafe(16), repr=False)
 
     def run(self) -> str:
-        """Return why the session ended before its time, "" where it was stopped. Raises PortError."""
+        """Return why the session ended before its time, "" where it was stopped. Raises ListeningError."""
         return platform.run(self._run())
 
     async def _run(self) -> str:
@@ -65,7 +65,7 @@ class ViewProcess:
         try:
             await server.listen(LOOPBACK, self.port)
         except OSError as error:
-            raise PortError(port_taken(self.port, error)) from None
+            raise ListeningError(address_taken(self.port, error)) from None
         here = f"{LOOPBACK}:{server.port}"
         front_ends = self.front_ends if self.foxglove else ()
         server.access = Access([here, f"localhost:{server.port}"], allowed=self.allowed, front_ends=front_ends)
@@ -114,7 +114,7 @@ class ViewProcess:
         return Admitted(self.feed, self.hand if hand else None)
 
 
-def port_taken(port: int, error: OSError) -> str:
+def address_taken(port: int, error: OSError) -> str:
     """Return why a port cannot be had, and what to do."""
     reason = os.strerror(error.errno) if error.errno else str(error)
     return f"port {port}: {reason}; give another one with --port, or leave it out for a free one"

@@ -17,14 +17,14 @@ from cogrip.machine.addition import add_integers
 from cogrip.machine.platform import system
 from cogrip.view import page
 from cogrip.view.access import Access, same
-from cogrip.view.frames import Frame
+from cogrip.view.frames import SceneFrame
 from cogrip.view.io import platform
 from cogrip.view.io.feed import ChunkError, LiveFeed, scene_text
 from cogrip.view.io.hand_link import HandLink
 from cogrip.view.io.page_server import Admitted, DeniedError, PageServer
-from cogrip.view.io.process import LOOPBACK, PortError, port_taken
+from cogrip.view.io.process import LOOPBACK, ListeningError, address_taken
 from cogrip.view.panel import Panel, PanelMessage
-from cogrip.view.scene import Scene, SceneObject
+from cogrip.view.scene import DrawnObject, PageScene
 from cogrip.view.tab import Tab
 
 MOST_REPLY_BYTES = 64 * 1024  # most bytes of a reply: 10,000 letters, each of which JSON may write in six bytes
@@ -36,17 +36,17 @@ NUMBER_BITS = 30  # bits of the random number that prompts are counted from: bel
 class StudyFeed:
     """Feed of one session after the other, for the same tabs; between two the last one stands still."""
 
-    idle: Scene
+    idle: PageScene
     tabs: dict[Tab, bool] = field(init=False, default_factory=dict)
     ended: str = field(init=False, default="")
     live: LiveFeed | None = field(init=False, default=None)
 
     @property
-    def scene(self) -> Scene:
+    def scene(self) -> PageScene:
         return self.idle if self.live is None else self.live.scene
 
     @property
-    def frame(self) -> Frame | None:
+    def frame(self) -> SceneFrame | None:
         return None if self.live is None else self.live.frame
 
     def chunk(self, number: int) -> bytes:
@@ -74,7 +74,7 @@ class StudyPage:
         self.counts: Counter[str] = Counter()
         self.port = port
         self.tokens = dict(tokens)
-        self._feed = StudyFeed(Scene(name, "live", 3, 128, 1024, SceneObject("mass", "box", (0.04,) * 3, 1.0)))
+        self._feed = StudyFeed(PageScene(name, "live", 3, 128, 1024, DrawnObject("mass", "box", (0.04,) * 3, 1.0)))
         number = secrets.randbits(NUMBER_BITS)
         self._panels = {person: Panel(person, partial(self._post, self._tell, person), number) for person in tokens}
         pairs = {person: system.datagram_pair() for person in hands}
@@ -88,11 +88,11 @@ class StudyPage:
         self._thread = threading.Thread(target=lambda: platform.run(self._run()), name="page", daemon=True)
 
     def start(self) -> None:
-        """Begin to serve. Raises PortError where no port is to be had."""
+        """Begin to serve. Raises ListeningError where no port is to be had."""
         self._thread.start()
         self._ready.wait()
         if self._failed is not None:
-            raise PortError(port_taken(self.port, self._failed))
+            raise ListeningError(address_taken(self.port, self._failed))
 
     def close(self) -> None:
         """End the page, within some seconds."""

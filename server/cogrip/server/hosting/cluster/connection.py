@@ -25,19 +25,19 @@ from cogrip.server.hosting.cluster import pipe
 from cogrip.server.hosting.cluster.announcement import AnnouncementFile
 from cogrip.server.hosting.cluster.directory import Home
 from cogrip.server.hosting.cluster.pipe import (
+    DirectoryState,
     DrainHost,
     Failed,
-    Leave,
+    LeaveCluster,
     Left,
     OrderAnswer,
     Ordered,
     PipeEndedError,
     Silent,
-    State,
 )
 from cogrip.server.hosting.cluster.ray_process import CALL_S, END_S, RayFront
 from cogrip.server.hosting.link import Answered, Obey
-from cogrip.server.io.control import Answer
+from cogrip.server.io.control import OrderReply
 from cogrip.server.io.state_folder import StateFolder
 from cogrip.server.snapshot import Snapshot, decode
 
@@ -187,7 +187,7 @@ class RemoteRooms:
     def end(self, reason: str) -> int:
         """Leave the cluster; the last front ends the rooms. Returns the worst exit code of those."""
         self._closing = True
-        if self._send(Leave(reason)):
+        if self._send(LeaveCluster(reason)):
             self._thread.join(CALL_S + END_S)
         if self._process is not None:
             self._process.kill()
@@ -235,7 +235,7 @@ class RemoteRooms:
         self._word_s = time.monotonic()
         with self._news:
             match message:
-                case State() as given:
+                case DirectoryState() as given:
                     told = given.told
                     self.refused, self.fronts = told.refused, told.fronts
                     if told.homes or not self._silent:  # a directory that has just begun knows of none yet
@@ -249,13 +249,13 @@ class RemoteRooms:
                     self._failed = given.text
                 case OrderAnswer() as given:
                     if given.number:
-                        self._answers.append(Answered(given.number, msgspec.json.decode(given.answer, type=Answer)))
+                        self._answers.append(Answered(given.number, msgspec.json.decode(given.answer, type=OrderReply)))
                     else:
                         self._drained.append((given.answer.decode(), given.ok))
                 case Left() as given:
                     self._code = given.code
             self._news.notify_all()
-        return isinstance(message, State)
+        return isinstance(message, DirectoryState)
 
     def _send(self, message: pipe.ToRay) -> bool:
         end = self._end
@@ -267,7 +267,7 @@ class RemoteRooms:
 
     def _order(self, room: str, actor: str, order: Obey) -> None:
         if not self._send(Ordered(order.number, actor, room, order.order)):
-            self._answers.append(Answered(order.number, Answer(False, f"room {room}: {ALONE}")))
+            self._answers.append(Answered(order.number, OrderReply(False, f"room {room}: {ALONE}")))
 
 
 ALONE = "the cluster is silent: nobody can ask the room; try again once it answers"

@@ -47,7 +47,7 @@ class Report(NamedTuple):
     ended: bool = False
 
 
-class Start(NamedTuple):
+class ProcessStart(NamedTuple):
     """Process to be started. after: actor of the host that hands the room over, "" for none."""
 
     room: str
@@ -182,7 +182,7 @@ class Directory:
         moving = f"its rooms move: {', '.join(rooms)}" if rooms else "it has no rooms"
         return f"no room is placed on {found[0].address} ({found[0].name[:8]}) any more; {moving}", True
 
-    def look(self, hosts: Sequence[Host], now_s: float, all_reported: bool = True) -> list[Start]:
+    def look(self, hosts: Sequence[Host], now_s: float, all_reported: bool = True) -> list[ProcessStart]:
         """Return the processes that are to be started now, on these hosts. all_reported: no other host has said nothing yet."""
         self._pass(now_s)
         if now_s - self._born_s < (LOST_S if all_reported else SETTLE_S):  # rooms are reported meanwhile
@@ -202,7 +202,7 @@ class Directory:
             if host := self._host(hosts, now_s):
                 after = room.serving.actor if room.serving else ""
                 room.number, room.host, room.since_s, room.starting = room.number + 1, host, now_s, True
-                started.append(Start(name, room.number, host, room.job, after))
+                started.append(ProcessStart(name, room.number, host, room.job, after))
         return started
 
     def _host(self, hosts: Sequence[Host], now_s: float) -> str:

@@ -15,12 +15,12 @@ from typing import Any
 import msgspec
 
 from cogrip.server.events import ServerEvent
-from cogrip.server.hosting.cluster.directory import Report, Start
+from cogrip.server.hosting.cluster.directory import ProcessStart, Report
 from cogrip.server.hosting.cluster.lines import Lines
 from cogrip.server.hosting.cluster.replicas import Kept, Replicas, gather, next_host
 from cogrip.server.hosting.cluster.room_process import RoomProcess
 from cogrip.server.hosting.cluster.template import Template, TemplateError
-from cogrip.server.io.control import Answer, AnyOrder
+from cogrip.server.io.control import AnyOrder, OrderReply
 
 NAMESPACE, DIRECTORY = "cogrip", "directory"
 EVERY_S = 0.25  # time between two reports
@@ -56,12 +56,14 @@ class HostActor:
 
     def serve(self, start: tuple[Any, ...], hosts: Sequence[str]) -> None:
         """Serve a room. hosts: all that may have its checkpoint."""
-        threading.Thread(target=self._begin, args=(Start(*start), tuple(hosts)), daemon=True).start()
+        threading.Thread(target=self._begin, args=(ProcessStart(*start), tuple(hosts)), daemon=True).start()
 
     def obey(self, room: str, order: bytes) -> bytes:
         """Return the answer to an order."""
         process = self._process(room)
-        answer = process.obey(ORDER.decode(order)) if process else Answer(False, f"room {room} is not here any more")
+        answer = (
+            process.obey(ORDER.decode(order)) if process else OrderReply(False, f"room {room} is not here any more")
+        )
         return msgspec.json.encode(answer)
 
     def hand_over(self, room: str) -> bytes:
@@ -95,7 +97,7 @@ class HostActor:
         there = [key for key in self._rooms.copy() if key[0] == room]
         return self._rooms.get(max(there)) if there else None
 
-    def _begin(self, start: Start, hosts: Sequence[str]) -> None:
+    def _begin(self, start: ProcessStart, hosts: Sequence[str]) -> None:
         """Prepare a process, then take the room over: the one before serves meanwhile."""
         report = Report(actor_of(self._host), start.room, start.number, self._host, start.job)
         try:
@@ -111,7 +113,7 @@ class HostActor:
             process.begin(self._handed_over(start) or self._found(start.room, hosts))
         self._news.set()
 
-    def _handed_over(self, start: Start) -> bytes:
+    def _handed_over(self, start: ProcessStart) -> bytes:
         """Return the last checkpoint of the process that has the room, b"" where it does not answer."""
         import ray
         from ray.exceptions import RayError

@@ -30,13 +30,13 @@ class DrainHost(msgspec.Struct, frozen=True, array_like=True, tag="drain"):
     host: str
 
 
-class Leave(msgspec.Struct, frozen=True, array_like=True, tag="leave"):
+class LeaveCluster(msgspec.Struct, frozen=True, array_like=True, tag="leave"):
     """Leave the cluster; the last front ends the rooms."""
 
     reason: str
 
 
-class State(msgspec.Struct, frozen=True, array_like=True, tag="state"):
+class DirectoryState(msgspec.Struct, frozen=True, array_like=True, tag="state"):
     """Newest answer of the directory."""
 
     told: Told
@@ -66,8 +66,8 @@ class Left(msgspec.Struct, frozen=True, array_like=True, tag="left"):
     code: int
 
 
-ToRay = Ordered | DrainHost | Leave
-FromRay = State | Silent | Failed | OrderAnswer | Left
+ToRay = Ordered | DrainHost | LeaveCluster
+FromRay = DirectoryState | Silent | Failed | OrderAnswer | Left
 encode = msgspec.msgpack.Encoder().encode
 to_ray: Callable[[bytes], ToRay] = msgspec.msgpack.Decoder(ToRay).decode
 from_ray: Callable[[bytes], FromRay] = msgspec.msgpack.Decoder(FromRay).decode

@@ -23,19 +23,19 @@ from cogrip.server.hosting.cluster.directory import Told
 from cogrip.server.hosting.cluster.directory_actor import DirectoryActor
 from cogrip.server.hosting.cluster.host_actor import DIRECTORY, NAMESPACE
 from cogrip.server.hosting.cluster.pipe import (
+    DirectoryState,
     DrainHost,
     Failed,
     FromRay,
-    Leave,
+    LeaveCluster,
     Left,
     OrderAnswer,
     Ordered,
     PipeEndedError,
     Silent,
-    State,
 )
 from cogrip.server.hosting.cluster.ray_token import asks_for_token
-from cogrip.server.io.control import Answer
+from cogrip.server.io.control import OrderReply
 
 EVERY_S = 0.2
 CALL_S = 3.0  # longest wait for an answer of the directory to an order
@@ -107,7 +107,7 @@ class RayProcess:
                     asked = directory.front.remote(self._front.place, dict(self._jobs), next_line)
                     told: Told = ray.get(asked, timeout=FRONT_S)
                 next_line, answered_s = told.next_line, time.monotonic()
-                self._send(State(told))
+                self._send(DirectoryState(told))
             except (ray.exceptions.RayError, ValueError):  # it is being started again, or was ended
                 directory = None
                 self._send(Silent())
@@ -124,7 +124,7 @@ class RayProcess:
                         self._callers.submit(self._order, given)
                     case DrainHost() as given:
                         self._callers.submit(self._drain, given.host)
-                    case Leave() as given:
+                    case LeaveCluster() as given:
                         self._closing.set()
                         with self._asking:
                             self._send(Left(self._leave(given.reason)))
@@ -145,7 +145,7 @@ class RayProcess:
             asked = ray.get_actor(given.actor, NAMESPACE).obey.remote(given.room, msgspec.json.encode(given.order))
             answer = bytes(ray.get(asked, timeout=ORDER_S))
         except (ray.exceptions.RayError, ValueError):
-            answer = msgspec.json.encode(Answer(False, f"room {given.room} has not answered; try again"))
+            answer = msgspec.json.encode(OrderReply(False, f"room {given.room} has not answered; try again"))
         self._send(OrderAnswer(given.number, True, answer))
 
     def _drain(self, host: str) -> None:

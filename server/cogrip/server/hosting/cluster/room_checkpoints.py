@@ -8,7 +8,7 @@ from contextlib import suppress
 from pathlib import Path
 
 from cogrip.server.checkpoint import CheckpointError, decode
-from cogrip.server.hosting.link import Link, Saved
+from cogrip.server.hosting.link import ProcessLink, Saved
 from cogrip.server.io import checkpoint_file
 from cogrip.server.io.checkpoint_file import CheckpointWriter
 from cogrip.server.io.state_folder import StateError
@@ -20,7 +20,9 @@ class RoomCheckpoints:
     in_memory: send them by the link
     """
 
-    def __init__(self, path: Path, say: Callable[[str], None], link: Link, given: bytes, in_memory: bool) -> None:
+    def __init__(
+        self, path: Path, say: Callable[[str], None], link: ProcessLink, given: bytes, in_memory: bool
+    ) -> None:
         self._file = CheckpointWriter(path, say, whole_every=1)
         self._link, self._given, self._say = link, given, say
         self.path = path

@@ -14,19 +14,19 @@ from cogrip.server.hosting.link import (
     AnyToWorker,
     Begin,
     DirectoryContact,
-    End,
-    Ended,
+    EndRooms,
     HandOver,
-    Link,
     LinkEndedError,
-    Measured,
+    NewSnapshot,
     Obey,
+    ProcessEnded,
+    ProcessLink,
     Ready,
     Said,
     Saved,
     Serve,
 )
-from cogrip.server.io.control import Answer, AnyOrder
+from cogrip.server.io.control import AnyOrder, OrderReply
 from cogrip.server.snapshot import decode
 
 ANSWER_S = 3.5
@@ -45,9 +45,9 @@ class RoomProcess:
         self.report = report
         self._address, self._changed, self._said, self._saved = address, changed, said, saved
         connection, self._pid = template.fork()
-        self._link, self._lock = Link(connection), threading.Lock()
+        self._link, self._lock = ProcessLink(connection), threading.Lock()
         self._news = threading.Condition()
-        self._answers: dict[int, Answer] = {}
+        self._answers: dict[int, OrderReply] = {}
         self._number = 0
         self._place = ""  # prepared, and told once the room has begun
         self._last: bytes | None = None
@@ -70,14 +70,14 @@ class RoomProcess:
         """Tell whether the directory answers."""
         self._send(DirectoryContact(answers))
 
-    def obey(self, order: AnyOrder) -> Answer:
+    def obey(self, order: AnyOrder) -> OrderReply:
         """Return the answer to an order."""
         with self._news:
             self._number += 1
             number = self._number
             self._send(Obey(number, order))
             self._news.wait_for(lambda: number in self._answers or self.report.ended, ANSWER_S)
-            return self._answers.pop(number, Answer(False, f"room {self.report.room} has not answered; try again"))
+            return self._answers.pop(number, OrderReply(False, f"room {self.report.room} has not answered; try again"))
 
     def hand_over(self) -> bytes:
         """Let the room end without a goodbye. Returns its last checkpoint, b"" where none has come."""
@@ -88,7 +88,7 @@ class RoomProcess:
 
     def end(self, reason: str) -> int:
         """Say goodbye to everybody. Returns the exit code."""
-        self._send(End(reason))
+        self._send(EndRooms(reason))
         with self._news:
             if not self._news.wait_for(lambda: self.report.ended, END_S):
                 self.kill()
@@ -126,7 +126,7 @@ class RoomProcess:
             case Ready():  # the room has begun
                 self.report = self.report._replace(place=self._place)
                 self._changed()
-            case Measured() as given:
+            case NewSnapshot() as given:
                 seats = decode(given.snapshot).rooms[0].seats
                 taken = tuple(seat.user for seat in seats if seat.seated)
                 self.report = self.report._replace(taken=taken, snapshot=given.snapshot)
@@ -138,7 +138,7 @@ class RoomProcess:
                         self._last = given.checkpoint
                         self._news.notify_all()
                 self._saved(self.report.room, self.report.number, given.checkpoint)
-            case Ended() as given:
+            case ProcessEnded() as given:
                 self._code = given.code
             case Answered() as given:
                 with self._news:

@@ -8,7 +8,7 @@ from cogrip.protocol.secure.channel import Address
 from cogrip.protocol.secure.dtls_records import CHANGE_CIPHER_SPEC, HANDSHAKE
 from cogrip.protocol.wire.messages import MAX_DATAGRAM_BYTES
 from cogrip.server.events import ServerEvent
-from cogrip.server.hosting.link import Asked, Astray, Link, Released, Say
+from cogrip.server.hosting.link import Astray, HelloByPath, ProcessLink, Released, Say
 from cogrip.server.hosting.workers.paths import OpenPath, WorkerSockets
 from cogrip.server.rate_limit import RateLimiter
 from cogrip.server.unencrypted_channel import looks_like_hello
@@ -21,27 +21,27 @@ class WorkerChannel:
     """`ServerChannel` of a worker. seated: says whether somebody in a session is at an address (`ServerCore.knows`)."""
 
     def __init__(
-        self, link: Link, port: WorkerSockets, rate_limiter: RateLimiter, seated: Callable[[Address], bool]
+        self, link: ProcessLink, sockets: WorkerSockets, rate_limiter: RateLimiter, seated: Callable[[Address], bool]
     ) -> None:
         self.outbox: deque[tuple[Address, bytes]] = deque()
         self.events: deque[ServerEvent] = deque()
-        self.renewed = port.renewed
+        self.renewed = sockets.renewed
         self.failed = ""
-        self._link, self._port, self._rate_limiter, self._seated = link, port, rate_limiter, seated
+        self._link, self._sockets, self._rate_limiter, self._seated = link, sockets, rate_limiter, seated
         self._counts: Counter[str] = Counter()
         self._sweep_ns = 0
 
     @property
     def dropped(self) -> Counter[str]:
         """Counts of channel, port and link, by reason."""
-        return self._counts + self._port.dropped + self._link.dropped
+        return self._counts + self._sockets.dropped + self._link.dropped
 
     def receive(self, datagram: bytes, address: Address, now_ns: int) -> Sequence[bytes]:
-        """Return the messages of what the port returned last."""
-        if self._port.from_front:
-            self._port.from_front = False
+        """Return the messages of what the sockets returned last."""
+        if self._sockets.from_front:
+            self._sockets.from_front = False
             return (datagram,)
-        path = self._port.paths.get(address)
+        path = self._sockets.paths.get(address)
         if reason := self._fault(datagram, address, now_ns):
             self._counts[reason] += 1
             return ()
@@ -61,7 +61,7 @@ class WorkerChannel:
 
     def send(self, message: bytes, address: Address) -> bool:
         """Send a message: by the peer's path, or through the front."""
-        path = self._port.paths.get(address)
+        path = self._sockets.paths.get(address)
         if path is None:
             if not isinstance(address, tuple):
                 self._counts["no address"] += 1
@@ -79,7 +79,7 @@ class WorkerChannel:
         if now_ns < self._sweep_ns:
             return
         self._sweep_ns = now_ns + SWEEP_EVERY_NS
-        for path in list(self._port.paths.values()):
+        for path in list(self._sockets.paths.values()):
             if self._seated(path.address):
                 path.seated_ns = now_ns
             elif now_ns - path.seated_ns >= RELEASE_NS:
@@ -87,10 +87,10 @@ class WorkerChannel:
 
     def close(self, address: Address) -> None:
         """Close a path, and tell the other end."""
-        if path := self._port.paths.get(address):
+        if path := self._sockets.paths.get(address):
             if path.session is not None:
                 with suppress(OSError):
-                    self._port.send(path.session.close(), address)
+                    self._sockets.send(path.session.close(), address)
             self._release(path)
 
     def _hand_back(self, datagram: bytes, address: Address) -> None:
@@ -99,7 +99,7 @@ class WorkerChannel:
         What the front gave is not given back: it takes the sender for one that is seated here, and has to hear otherwise.
         """
         assert isinstance(address, tuple)
-        if self._port.is_stray:
+        if self._sockets.is_stray:
             self._counts["path has gone"] += 1
             self._link.send(Released(address))
         else:
@@ -114,9 +114,9 @@ class WorkerChannel:
         """Ask the front about a hello: it alone knows the tokens. One that finds no room in the link is lost, and repeated."""
         if not looks_like_hello(message):
             return False
-        self._link.send(Asked(path.address, message, self._port.arrived_ns))
+        self._link.send(HelloByPath(path.address, message, self._sockets.arrived_ns))
         return True
 
     def _release(self, path: OpenPath) -> None:
-        self._port.drop(path.address)
+        self._sockets.drop(path.address)
         self._link.send(Released(path.address))

@@ -24,22 +24,22 @@ from cogrip.protocol.wire.messages import PROTOCOL_VERSION, Hello, MalformedErro
 from cogrip.server.admission import Authenticator, Denied, Grant
 from cogrip.server.events import ServerEvent
 from cogrip.server.hosting.link import (
-    Admitted,
     Answered,
     AnyToFront,
     Ask,
-    Asked,
     Astray,
-    End,
+    EndRooms,
     Forget,
+    HelloByPath,
     LinkEndedError,
-    Measured,
+    NewSnapshot,
     Path,
     PeerAddress,
     Ready,
     Released,
-    Revoke,
+    RevokeToken,
     Say,
+    SeatGiven,
     Stray,
 )  # fmt: skip
 from cogrip.server.hosting.public_socket import FrontChannel as FrontChannel
@@ -130,7 +130,7 @@ class Front(PublicSocket):
         """Serve until stopped, at most for `seconds`."""
         super().run(seconds)
         for worker in self.pool.workers:
-            worker.link.send(End(self._stop.reason))
+            worker.link.send(EndRooms(self._stop.reason))
 
     def _poll(self, now_ns: int) -> None:
         self._asking = {at: each for at, each in self._asking.items() if now_ns - each[2] < ASKED_NS}
@@ -257,20 +257,20 @@ class Front(PublicSocket):
                 self._answer(worker, given)
                 if asked and asked[1]:
                     self._ask_next(asked[1], now_ns)
-            case Asked():
+            case HelloByPath():
                 self._ask(given.message, given.address, now_ns, given.arrived_ns, worker)
             case Astray():
                 self._take_back(worker, given, now_ns)
             case Released():
                 if self._is_at(given.address, worker):
                     self._unseat(given.address)
-            case Admitted():
+            case SeatGiven():
                 self._authenticator.admitted(given.grant)
-            case Revoke():
+            case RevokeToken():
                 self.revoke(given.token)
             case Answered():
                 self.answered(given)
-            case Measured():
+            case NewSnapshot():
                 worker.snapshot = decode(given.snapshot)
 
     def _is_at(self, address: Address, worker: Worker) -> bool:

@@ -1,4 +1,4 @@
-"""A worker's port: a socket to which its people are steered, and the front for all who are not yet.
+"""A worker's sockets: one to which its people are steered, and the front for all who are not yet.
 
 Where the kernel steers nobody there is a socket for each of them. Where it is compiled all is sent by one socket, many
 datagrams in a system call: the address that they come from is the same.
@@ -19,12 +19,12 @@ from cogrip.protocol.secure.channel import Address
 from cogrip.server.hosting.link import (
     AnyToWorker,
     Ask,
-    End,
+    EndRooms,
     Forget,
-    Link,
     Obey,
     Path,
     PeerAddress,
+    ProcessLink,
     Stray,
     Void,
 )  # fmt: skip
@@ -66,10 +66,10 @@ class WorkerSockets:
     """
 
     def __init__(
-        self, link: Link, stop: Stop, verdicts: FrontVerdicts, orders: LinkOrders, shared: socket.socket | None = None,
+        self, link: ProcessLink, stop: Stop, verdicts: FrontVerdicts, orders: LinkOrders, shared: socket.socket | None = None,
         own: bool = False,
     ) -> None:  # fmt: skip
-        """shared: a socket at the public port, to send by. own: it is this worker's, and peers are steered to it."""
+        """shared: a socket at the public address, to send by. own: it is this worker's, and peers are steered to it."""
         self.paths: dict[Address, OpenPath] = {}
         self.from_front = self.is_stray = False
         self.arrived_ns = 0
@@ -239,7 +239,7 @@ class WorkerSockets:
                 self._orders.add(given.number, given.order)
             case Void():
                 self._verdicts.void(given.revoked, given.expired)
-            case End():
+            case EndRooms():
                 self._stop.reason = self._stop.reason or given.reason
 
     def drop(self, address: Address) -> None:

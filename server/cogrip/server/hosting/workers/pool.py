@@ -10,7 +10,7 @@ from dataclasses import dataclass
 from typing import Literal
 
 from cogrip.machine.server_platform import message_pair
-from cogrip.server.hosting.link import Assign, Link, Void
+from cogrip.server.hosting.link import Assign, ProcessLink, Void
 from cogrip.server.snapshot import Snapshot
 
 START_LIMIT_S = 30.0
@@ -29,7 +29,7 @@ class Worker:
 
     number: int
     process: subprocess.Popen[bytes]
-    link: Link
+    link: ProcessLink
     rooms: tuple[str, ...] = ()
     group: int = -1
     state: Literal["spare", "assigned", "ready", "ended"] = "spare"
@@ -82,7 +82,7 @@ class WorkerPool:
             raise
         finally:
             theirs.close()
-        worker = Worker(self._number, process, Link(ours))
+        worker = Worker(self._number, process, ProcessLink(ours))
         self.workers.append(worker)
         return worker
 

@@ -1,4 +1,4 @@
-"""Sockets that share the public port: the kernel gives each peer with a path to its worker, all others to the front.
+"""Sockets that share the public address: the kernel gives each peer with a path to its worker, all others to the front.
 
 Each worker has a socket there, and a program finds it by a datagram's source (`steering_program`). Where the kernel takes no
 such program, or may not (`replaces_safely`), and for peers beyond its size, a path is a socket of its own: a connected UDP
@@ -18,7 +18,7 @@ from contextlib import ExitStack, suppress
 
 from cogrip.machine.platform import time
 from cogrip.machine.receive_buffer import enlarge
-from cogrip.machine.server_platform import share_port
+from cogrip.machine.server_platform import share_address
 from cogrip.server.hosting.link import PeerAddress
 from cogrip.server.hosting.workers.steering_program import hash_of, program
 
@@ -57,7 +57,7 @@ def _open_public(host: str, port: int) -> socket.socket:
 
 
 def open_path(public: socket.socket, address: PeerAddress) -> socket.socket:
-    """Return a socket at the public port for this peer alone. Raises OSError."""
+    """Return a socket at the public address for this peer alone. Raises OSError."""
     path = _shared(public.family)
     try:
         path.bind(public.getsockname())
@@ -71,7 +71,7 @@ def open_path(public: socket.socket, address: PeerAddress) -> socket.socket:
 def _shared(family: int) -> socket.socket:
     made = socket.socket(family, socket.SOCK_DGRAM)
     try:
-        share_port(made)
+        share_address(made)
     except OSError:
         made.close()
         raise
@@ -91,7 +91,7 @@ def replaces_safely(release: str) -> bool:
 
 
 class Steering:
-    """Sockets of some workers at the public port, and the peers of each. Raises OSError where the kernel takes no program.
+    """Sockets of some workers at the public address, and the peers of each. Raises OSError where the kernel takes no program.
 
     own: a socket for each worker; a program counts them from 1. They stay when a worker ends: the next one takes it.
     """

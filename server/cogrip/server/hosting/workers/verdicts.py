@@ -2,15 +2,15 @@
 
 from cogrip.protocol.wire.messages import Hello
 from cogrip.server.admission import Denied, Grant
-from cogrip.server.hosting.link import Admitted, Link, Revoke
+from cogrip.server.hosting.link import ProcessLink, RevokeToken, SeatGiven
 
 NO_VERDICT = Denied("token", "the server has not looked at this token; join again")
 
 
 class FrontVerdicts:
-    """`Authenticator` of a worker. newest: verdict on the message that the port returned last; newest_shown: its token."""
+    """`Authenticator` of a worker. newest: verdict on the message that the sockets returned last; newest_shown: its token."""
 
-    def __init__(self, link: Link) -> None:
+    def __init__(self, link: ProcessLink) -> None:
         self.not_written = ""  # the front has the file
         self.newest: Grant | Denied | None = None
         self.newest_shown: str | None = None
@@ -29,7 +29,7 @@ class FrontVerdicts:
 
     def admitted(self, grant: Grant) -> None:
         """See `Authenticator`."""
-        self._link.send(Admitted(grant))
+        self._link.send(SeatGiven(grant))
 
     def void(self, revoked: tuple[str, ...], expired: tuple[str, ...]) -> None:
         """Note ids of tokens that are void from now on."""
@@ -38,7 +38,7 @@ class FrontVerdicts:
 
     def revoke(self, ident: str) -> None:
         """Let the front revoke a token."""
-        self._link.send(Revoke(ident))
+        self._link.send(RevokeToken(ident))
 
     def revoked(self) -> set[str]:
         """Return the ids of tokens revoked since the last call."""

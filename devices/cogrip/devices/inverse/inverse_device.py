@@ -3,7 +3,7 @@
 from collections.abc import Mapping, Sequence
 from math import hypot, isfinite
 
-from cogrip.devices.arm.exchange import RETRY_S, Exchange, Port
+from cogrip.devices.arm.exchange import RETRY_S, ByteLine, RequestExchange
 from cogrip.devices.arm.kinematics import Vector
 from cogrip.devices.device import Capability, DeviceError, Sample
 from cogrip.devices.driver import Driver
@@ -24,11 +24,18 @@ class InverseDevice(Driver):
     """See `Device`. centre_m: of the workspace, in our axes from the base's origin."""
 
     def __init__(
-        self, where: str, record: Capability, port: Port, codec: InverseCodec, centre_m: Vector, *, uncalibrated: bool
+        self,
+        where: str,
+        record: Capability,
+        line: ByteLine,
+        codec: InverseCodec,
+        centre_m: Vector,
+        *,
+        uncalibrated: bool,
     ) -> None:
         super().__init__(where, record.axes)
         self.capability = record
-        self.exchange = Exchange(port, codec)
+        self.exchange = RequestExchange(line, codec)
         self._codec = codec
         self._centre_m = centre_m
         self._uncalibrated = uncalibrated
@@ -37,20 +44,20 @@ class InverseDevice(Driver):
     @property
     def counts(self) -> Mapping[str, int]:
         exchange = {name: count for name, count in self.exchange.counts.items() if name != "bytes skipped"}
-        return {**self.exchange.port.counts, **exchange, **self._codec.refused, **self._counts}
+        return {**self.exchange.line.counts, **exchange, **self._codec.refused, **self._counts}
 
     def open(self, rate_hz: int) -> None:
         """Raises DeviceError also where the service is not there, or has no Inverse3 that may give force."""
         self._check_open(rate_hz, self.capability)
-        port = self.exchange.port
-        port.open()
+        line = self.exchange.line
+        line.open()
         try:
-            inventory = port.read(INVENTORY_S)
+            inventory = line.read(INVENTORY_S)
             if not inventory:
                 raise self._error(f"no inventory within {INVENTORY_S:g} s; is this the Inverse service? Restart it")
             self._codec.choose(inventory, self._where, uncalibrated=self._uncalibrated)
         except BaseException:
-            port.close()
+            line.close()
             raise
         self.exchange.start(rate_hz)
         self._silent_ticks = max(1, int((SILENT_S - RETRY_S) * rate_hz))
@@ -123,12 +130,12 @@ class InverseDevice(Driver):
 
     def close(self) -> None:
         """Zero force is told more than once: a reply may still be under way."""
-        port, was_open, self._open = self.exchange.port, self._open, False
+        line, was_open, self._open = self.exchange.line, self._open, False
         for _ in range(GOODBYES if was_open else 0):
             try:
-                port.read(0.02)
-                port.write(self._codec.encode(ZERO))
+                line.read(0.02)
+                line.write(self._codec.encode(ZERO))
             except DeviceError:
                 self._counts["not reached when closed"] += 1
                 break
-        port.close()
+        line.close()

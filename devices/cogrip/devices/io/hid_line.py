@@ -82,8 +82,8 @@ class _Writer:
             self.failure = f"unplugged, or it hangs: a report of {len(frame)} bytes was written, the answer is {sent}"
 
 
-class HidPort:
-    """See `Port`. backend: "hidraw", "libusb", or "auto"; path and serial choose among several devices of the variant."""
+class HidLine:
+    """See `ByteLine`. backend: "hidraw", "libusb", or "auto"; path and serial choose among several devices of the variant."""
 
     def __init__(self, name: str, variant: Variant, backend: str = "auto", path: str = "", serial: str = "") -> None:
         self.name = name

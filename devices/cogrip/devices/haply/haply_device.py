@@ -1,7 +1,7 @@
 """A Haply arm: an `ArmDevice` whose counters begin with a setup, which must not be repeated while its pose is to stay known."""
 
 from cogrip.devices.arm.driver import ArmDevice
-from cogrip.devices.arm.exchange import Exchange, Port
+from cogrip.devices.arm.exchange import ByteLine, RequestExchange
 from cogrip.devices.arm.model import Pose
 from cogrip.devices.arm.pose import Calibration, Store
 from cogrip.devices.haply.frames import HaplyCodec
@@ -13,10 +13,10 @@ class HaplyDevice(ArmDevice):
     """See `Device`. number: any, another one in another process; ids are drawn from it."""
 
     def __init__(
-        self, name: str, axes: int, port: Port, codec: HaplyCodec, model: HaplyModel, pose: Pose, store: Store, number: int
+        self, name: str, axes: int, line: ByteLine, codec: HaplyCodec, model: HaplyModel, pose: Pose, store: Store, number: int
     ) -> None:  # fmt: skip
-        self._line = HaplyLine(port, codec, self._plan)
-        super().__init__(name, axes, Exchange(self._line, codec), lambda _: model, pose, model, store)
+        self._line = HaplyLine(line, codec, self._plan)
+        super().__init__(name, axes, RequestExchange(self._line, codec), lambda _: model, pose, model, store)
         self._number = number
         self._calibrating = False
 

@@ -1,4 +1,4 @@
-"""A port whose messages are a websocket's: a non-blocking socket, and the package `websockets` without I/O of its own.
+"""A line whose messages are a websocket's: a non-blocking socket, and the package `websockets` without I/O of its own.
 
 No thread runs besides the loop, and no verb but `open` waits for the other end.
 """
@@ -23,8 +23,8 @@ MOST_AT_ONCE = 16  # most reads at once: an end that sends without a stop must n
 _DATA = (Opcode.TEXT, Opcode.BINARY, Opcode.CONT)
 
 
-class WebsocketPort:
-    """See `Port`: `write` sends one message, `read` gives the newest that waits."""
+class WebsocketLine:
+    """See `ByteLine`: `write` sends one message, `read` gives the newest that waits."""
 
     def __init__(self, name: str, host: str, port: int) -> None:
         self.name = name

@@ -1,4 +1,4 @@
-"""The port of an emulated device in virtual time: the firmware's clock is whatever it was last advanced to."""
+"""The line of an emulated device in virtual time: the firmware's clock is whatever it was last advanced to."""
 
 from collections import Counter
 
@@ -6,8 +6,8 @@ from cogrip.devices.device import DeviceError
 from cogrip.devices.emulated.firmware import Firmware
 
 
-class EmulatedPort:
-    """See `Port`. Waiting looks ahead: what would come within `wait_s` is there. reports: one report a read."""
+class EmulatedLine:
+    """See `ByteLine`. Waiting looks ahead: what would come within `wait_s` is there. reports: one report a read."""
 
     def __init__(self, name: str, firmware: Firmware, *, reports: bool = False) -> None:
         self.name = name

@@ -14,7 +14,7 @@ import serial
 
 from cogrip.devices.device import DeviceError
 from cogrip.devices.io.platform import awaited
-from cogrip.devices.io.serial_port import SerialPort
+from cogrip.devices.io.serial_line import SerialLine
 from cogrip.devices.serial.frames import BracketCodec
 
 from tests.devices.held_device import refused
@@ -62,14 +62,14 @@ def line() -> Iterator[Line]:
 
 
 @pytest.fixture
-def port(line: Line) -> Iterator[SerialPort]:
-    made = SerialPort(line.path, "serial")
+def port(line: Line) -> Iterator[SerialLine]:
+    made = SerialLine(line.path, "serial")
     made.open()
     yield made
     made.close()
 
 
-def come(port: SerialPort, size: int) -> bytes:
+def come(port: SerialLine, size: int) -> bytes:
     """Read at least so many bytes, waiting for each part."""
     data = b""
     while len(data) < size:
@@ -80,7 +80,7 @@ def come(port: SerialPort, size: int) -> bytes:
 
 
 def test_making_it_opens_nothing() -> None:
-    port = SerialPort("/dev/nosuch", "serial")
+    port = SerialLine("/dev/nosuch", "serial")
     assert port.name == "serial:/dev/nosuch"
     port.close()
     for verb in (port.read, lambda: port.write(ZERO)):
@@ -88,7 +88,7 @@ def test_making_it_opens_nothing() -> None:
             verb()
 
 
-def test_bytes_go_both_ways_as_they_are_and_what_has_come_is_read_at_once(line: Line, port: SerialPort) -> None:
+def test_bytes_go_both_ways_as_they_are_and_what_has_come_is_read_at_once(line: Line, port: SerialLine) -> None:
     every = bytes(range(256))
     port.write(every)
     assert line.heard(len(every)) == every
@@ -104,13 +104,13 @@ def test_bytes_go_both_ways_as_they_are_and_what_has_come_is_read_at_once(line: 
 def test_what_was_on_the_line_before_is_not_read(line: Line) -> None:
     line.send(b"old")
     assert select.select([line.slave], [], [], LONG_S)[0]
-    with closing(SerialPort(line.path, "serial")) as port:
+    with closing(SerialLine(line.path, "serial")) as port:
         port.open()
         assert port.read() == b""
 
 
-def test_it_is_exclusive(line: Line, port: SerialPort) -> None:
-    other = SerialPort(line.path, "haply")
+def test_it_is_exclusive(line: Line, port: SerialLine) -> None:
+    other = SerialLine(line.path, "haply")
     with refused(f"haply:{line.path}: cannot be opened: ", "lock", "; close the program that uses it"):
         other.open()
     with pytest.raises(DeviceError, match="is open already; close it first"):
@@ -125,14 +125,14 @@ def test_it_is_exclusive(line: Line, port: SerialPort) -> None:
 def test_a_port_that_is_not_there() -> None:
     cure = "; plug the device in, and look for its name with `cogrip devices find`"
     with pytest.raises(DeviceError, match=rf"^serial:/dev/ttyNOSUCH7: cannot be opened: .*{cure}$"):
-        SerialPort("/dev/ttyNOSUCH7", "serial").open()
+        SerialLine("/dev/ttyNOSUCH7", "serial").open()
 
 
 @pytest.mark.parametrize("kind", ["file", "folder", "fifo"])
 def test_what_is_no_serial_port(tmp_path: Path, kind: str) -> None:
     path = tmp_path / kind
     {"file": path.touch, "folder": path.mkdir, "fifo": lambda: os.mkfifo(path)}[kind]()
-    port = SerialPort(str(path), "serial")
+    port = SerialLine(str(path), "serial")
     with pytest.raises(DeviceError, match=r"cannot be opened: .*; check its cable and power"):
         port.open()
     with pytest.raises(DeviceError, match="is closed"):
@@ -155,11 +155,11 @@ def test_every_reason_has_its_cure(line: Line, monkeypatch: pytest.MonkeyPatch, 
 
     monkeypatch.setattr(serial, "Serial", refuse)
     with pytest.raises(DeviceError, match=rf"{os.strerror(number)}.*; {re.escape(cure)}$"):
-        SerialPort(line.path, "serial").open()
+        SerialLine(line.path, "serial").open()
 
 
 @pytest.mark.parametrize("verb", ["read", "wait", "write"])
-def test_an_unplugged_device_is_lost_until_it_is_there_again(line: Line, port: SerialPort, verb: str) -> None:
+def test_an_unplugged_device_is_lost_until_it_is_there_again(line: Line, port: SerialLine, verb: str) -> None:
     port.write(ZERO)
     line.unplug()
     do = {"read": port.read, "wait": lambda: port.read(LONG_S), "write": lambda: port.write(ZERO)}[verb]
@@ -171,7 +171,7 @@ def test_an_unplugged_device_is_lost_until_it_is_there_again(line: Line, port: S
         port.open()
 
 
-def test_a_device_that_is_unplugged_while_it_is_waited_for(line: Line, port: SerialPort) -> None:
+def test_a_device_that_is_unplugged_while_it_is_waited_for(line: Line, port: SerialLine) -> None:
     device = threading.Thread(target=lambda: line.heard() and line.unplug())
     device.start()
     port.write(ZERO)
@@ -198,7 +198,7 @@ def test_an_end_that_has_gone_is_no_silence_but_what_somebody_else_has_read_is()
         assert awaited(nothing.fileno(), LONG_S) == b""
 
 
-def test_a_device_that_does_not_read_is_found_out_and_does_not_hold_us_up(line: Line, port: SerialPort) -> None:
+def test_a_device_that_does_not_read_is_found_out_and_does_not_hold_us_up(line: Line, port: SerialLine) -> None:
     """The line takes some kilobytes, then a part of a frame, then nothing."""
     said = []
     for _ in range(10_000):
@@ -217,14 +217,14 @@ def test_a_device_that_does_not_read_is_found_out_and_does_not_hold_us_up(line: 
             port.write(ZERO)
 
 
-def test_its_stamp_names_this_terminal(line: Line, port: SerialPort, tmp_path: Path) -> None:
+def test_its_stamp_names_this_terminal(line: Line, port: SerialLine, tmp_path: Path) -> None:
     stamp = port.stamp()
     assert stamp
     link = tmp_path / "arm"
     link.symlink_to(line.path)
-    assert SerialPort(str(link), "serial").stamp() == stamp
+    assert SerialLine(str(link), "serial").stamp() == stamp
     other = Line()
-    assert SerialPort(other.path, "serial").stamp() != stamp
+    assert SerialLine(other.path, "serial").stamp() != stamp
     other.unplug()
     port.close()
     line.unplug()

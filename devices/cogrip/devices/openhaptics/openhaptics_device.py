@@ -20,7 +20,7 @@ BY_HAND = {
 }
 
 
-class Link(Protocol):
+class HdDevice(Protocol):
     """A device that the library has given us. Verbs raise DeviceError."""
 
     where: str
@@ -36,7 +36,7 @@ class Link(Protocol):
         """Zero force, then let go. Twice does nothing."""
 
 
-def calibrate(link: Link) -> None:
+def calibrate(link: HdDevice) -> None:
     """Have the library calibrate the arm as far as it can on its own. Raises DeviceError where a hand is needed.
 
     needs update --auto or inkwell--> update, ask again        needs manual input --> the user's turn        ok --> go on
@@ -62,7 +62,7 @@ def calibrate(link: Link) -> None:
 class OpenHapticsDevice(Driver):
     """See `Device`. `connect` gives the link of a mailbox; `record` holds until the device is open and may lower it."""
 
-    def __init__(self, where: str, record: Capability, stated: str, connect: Callable[[Mailbox], Link]) -> None:
+    def __init__(self, where: str, record: Capability, stated: str, connect: Callable[[Mailbox], HdDevice]) -> None:
         super().__init__(where, record.axes)
         self.capability = record
         self._record = record

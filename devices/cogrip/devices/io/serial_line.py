@@ -16,8 +16,8 @@ BAUD = 115200  # baud rate: the devices ignore it, but 0 would mean hang-up
 _Answer = TypeVar("_Answer")
 
 
-class SerialPort:
-    """See `Port`. 8N1, raw, no flow control, exclusive."""
+class SerialLine:
+    """See `ByteLine`. 8N1, raw, no flow control, exclusive."""
 
     def __init__(self, path: str, scheme: str) -> None:
         self.path = path

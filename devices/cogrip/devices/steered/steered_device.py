@@ -11,8 +11,8 @@ import msgspec
 from msgspec import Meta
 
 from cogrip.devices.device import DeviceError, Sample
-from cogrip.devices.web.device import WebDevice, WebSettings
 from cogrip.devices.web.hand import STRETCH_N, PointerSettings, lead_m
+from cogrip.devices.web.web_device import WebDevice, WebSettings
 
 Vector = tuple[float, float, float]
 
@@ -58,7 +58,7 @@ class Decoder(Protocol):
         """Take everything as released."""
 
 
-class Link(Protocol):
+class ControllerBytes(Protocol):
     """Bytes from a controller. Verbs raise DeviceError where it is not there, or gone."""
 
     def open(self) -> Decoder: ...
@@ -82,7 +82,7 @@ class SteeredDevice(WebDevice):
         pointer: PointerSettings,
         axes: int,
         buttons: int,
-        link: Link | None,
+        link: ControllerBytes | None,
     ) -> None:
         super().__init__(WebSettings(mass_kg=settings.mass_kg, damping_nspm=settings.damping_nspm), pointer, axes, None)
         self.capability = replace(self.capability, family=family, model="input-only", buttons=buttons)
@@ -143,7 +143,7 @@ class SteeredDevice(WebDevice):
             )
         self.pointer.point(tick, self._target, holds=True)
 
-    def _shake(self, link: Link) -> None:
+    def _shake(self, link: ControllerBytes) -> None:
         """Rumble as strongly as the mass is loaded, of what the hand can pull with."""
         strength = min(self._settings.rumble, self._settings.rumble * hypot(*self._force) / STRETCH_N)
         if abs(strength - self._strength) >= RUMBLE_STEP or (self._strength and not strength):

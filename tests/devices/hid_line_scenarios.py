@@ -11,89 +11,89 @@ MODEL = MODELS["woodenhaptics"]
 
 
 def scenario_a_request_has_one_reply(bench: Bench) -> None:
-    port, codec = bench.open(), CODECS["mbed14"]()
+    line, codec = bench.open(), CODECS["mbed14"]()
     bench.set(a=400, b=-300, c=6200, d=10030, e=12, f=-5, info=1)
-    assert port.read() == b""
+    assert line.read() == b""
     for number in (1, 2, 3):
-        port.write(codec.encode((number, -number, 0)))
-        report = port.read(LONG_S)
+        line.write(codec.encode((number, -number, 0)))
+        report = line.read(LONG_S)
         assert report == bytes.fromhex("9001d4fe38182e270c00fbff0100")
         [reading] = codec.feed(report)
         assert reading.raw == (400, -300, 6200)
         assert bench.currents == (number, -number, 0)
         assert bench["length_written"] == 15
-        assert port.read() == b""
-    port.close()
-    port.close()
+        assert line.read() == b""
+    line.close()
+    line.close()
     assert (bench["is_open"], bench["closed"]) == (0, 1)
-    assert port.counts.keys() <= {WAITED}
+    assert line.counts.keys() <= {WAITED}
 
 
 def scenario_a_closed_port_says_so(bench: Bench) -> None:
-    port = bench.port()
-    fails(port.read, "is closed; open it first")
-    fails(lambda: port.write(NOTHING), "is closed")
-    port.open()
-    fails(port.open, "is open already")
-    port.close()
-    fails(port.read, "is closed")
-    port.open()
-    port.write(NOTHING)
-    assert len(port.read(LONG_S)) == 14
+    line = bench.line()
+    fails(line.read, "is closed; open it first")
+    fails(lambda: line.write(NOTHING), "is closed")
+    line.open()
+    fails(line.open, "is open already")
+    line.close()
+    fails(line.read, "is closed")
+    line.open()
+    line.write(NOTHING)
+    assert len(line.read(LONG_S)) == 14
 
 
 def scenario_waits_are_whole_milliseconds_and_never_for_ever(bench: Bench) -> None:
-    port = bench.open()
+    line = bench.open()
     for wait_s, wait_ms in ((0.0, -2), (-1.0, -2), (1e-9, -2), (0.00024, -2), (0.000999, -2), (0.001, 1), (0.0029, 2)):
         bench.set(last_wait_ms=-2)
-        assert port.read(wait_s) == b""
+        assert line.read(wait_s) == b""
         assert bench["last_wait_ms"] == wait_ms, wait_s
 
 
 def scenario_a_short_wait_sees_what_comes_meanwhile(bench: Bench) -> None:
-    port = bench.open()
+    line = bench.open()
     for _ in range(20):
-        port.write(NOTHING)
-        while not port.read(0.0009):
+        line.write(NOTHING)
+        while not line.read(0.0009):
             pass
-    assert port.counts.keys() <= {WAITED}
+    assert line.counts.keys() <= {WAITED}
 
 
 def scenario_of_several_reports_the_newest_is_read(bench: Bench) -> None:
-    port = bench.open()
+    line = bench.open()
     bench.set(extra=4, a=100)
-    port.write(NOTHING)
+    line.write(NOTHING)
     while bench["left_in_queue"] < 5:
         pass
-    report = port.read()
+    report = line.read()
     assert int.from_bytes(report[:2], "little") == 104
-    assert port.counts == {"older report passed over": 4}
-    assert port.read() == b""
+    assert line.counts == {"older report passed over": 4}
+    assert line.read() == b""
 
 
 def scenario_the_report_that_waited_is_thrown_away(bench: Bench) -> None:
     bench.set(stale=1, a=5)
-    port = bench.open()
-    assert port.counts == {"old report thrown away": 1}
-    assert port.read() == b""
-    port.write(NOTHING)
-    assert int.from_bytes(port.read(LONG_S)[:2], "little") == 5
+    line = bench.open()
+    assert line.counts == {"old report thrown away": 1}
+    assert line.read() == b""
+    line.write(NOTHING)
+    assert int.from_bytes(line.read(LONG_S)[:2], "little") == 5
 
 
 def scenario_reports_of_another_length_are_another_firmware(bench: Bench) -> None:
     bench.set(stale=1, stale_bytes=8)
-    port = bench.port()
-    fails(port.open, "its reports have 8 bytes, not 14; set the key variant")
+    line = bench.line()
+    fails(line.open, "its reports have 8 bytes, not 14; set the key variant")
     assert bench["is_open"] == 0
     old = bench.open("mbed8")
     old.close()
 
 
 def scenario_a_longer_report_is_not_cut_to_a_right_one(bench: Bench) -> None:
-    port, codec = bench.open(), CODECS["mbed14"]()
+    line, codec = bench.open(), CODECS["mbed14"]()
     bench.set(report_bytes=20)
-    port.write(bytes(21))
-    assert codec.feed(port.read(LONG_S)) == []
+    line.write(bytes(21))
+    assert codec.feed(line.read(LONG_S)) == []
     assert codec.skipped == 1
 
 
@@ -101,9 +101,9 @@ def scenario_two_are_told_apart(bench: Bench) -> None:
     bench.set(devices=2)
     fails(bench.open, "2 devices 1234:0006", "/dev/hidraw7 serial=0123456789", "serial=second", "choose by serial=")
     for asked, path in (({"serial": "second"}, "/dev/hidraw7-second"), ({"path": "/dev/hidraw7"}, "/dev/hidraw7")):
-        port = bench.open(**asked)
-        assert bench.opened == port.path == path
-        port.close()
+        line = bench.open(**asked)
+        assert bench.opened == line.path == path
+        line.close()
     fails(lambda: bench.open(serial="third"), "has serial=third")
     fails(lambda: bench.open(path="/dev/hidraw8"), "has path=/dev/hidraw8")
 
@@ -122,14 +122,14 @@ def scenario_the_one_interface_of_a_teensy(bench: Bench) -> None:
     for tells_usage in (1, 0):
         bench.set(vendor=0x16C0, product=0x0486, interfaces=2, report_bytes=64, tells_usage=tells_usage, b=-7)
         bench.say(product="Teensyduino RawHID")
-        port, codec = bench.open("teensy64"), CODECS["teensy64"]()
+        line, codec = bench.open("teensy64"), CODECS["teensy64"]()
         assert bench.opened == "/dev/hidraw7"
-        port.write(codec.encode((1, 2, 3)))
-        [reading] = codec.feed(port.read(LONG_S))
+        line.write(codec.encode((1, 2, 3)))
+        [reading] = codec.feed(line.read(LONG_S))
         assert reading.raw == (0, -7, 0)
         assert bench["length_written"] == 65
         assert bench.currents == (1, 2, 3)
-        port.close()
+        line.close()
 
 
 def scenario_it_cannot_be_opened(bench: Bench) -> None:
@@ -139,59 +139,59 @@ def scenario_it_cannot_be_opened(bench: Bench) -> None:
 
 def scenario_a_write_that_fails_or_is_short(bench: Bench) -> None:
     for result in (-1, 7, 14, 16):
-        port = bench.open()
+        line = bench.open()
         bench.set(write_result=result)
-        port.write(NOTHING)
-        fails_at_last(port, f"a report of 15 bytes was written, the answer is {result}", "re-arm")
-        fails(lambda port=port: port.write(NOTHING), f"the answer is {result}")
-        port.close()
+        line.write(NOTHING)
+        fails_at_last(line, f"a report of 15 bytes was written, the answer is {result}", "re-arm")
+        fails(lambda line=line: line.write(NOTHING), f"the answer is {result}")
+        line.close()
         bench.set(write_result=0)
     assert bench["closed"] == 4
 
 
 def scenario_unplugged(bench: Bench) -> None:
-    port = bench.open()
-    port.write(NOTHING)
-    assert port.read(LONG_S)
+    line = bench.open()
+    line.write(NOTHING)
+    assert line.read(LONG_S)
     bench.set(unplugged=1)
-    fails(port.read, "unplugged", "plug it in again, then re-arm")
-    fails(lambda: port.read(LONG_S), "unplugged")
-    port.close()
+    fails(line.read, "unplugged", "plug it in again, then re-arm")
+    fails(lambda: line.read(LONG_S), "unplugged")
+    line.close()
     assert bench["is_open"] == 0
 
 
 def scenario_a_device_that_hangs_does_not_hold_up_the_loop(bench: Bench) -> None:
     """Were these writes to wait for the device, nobody would come to let it go on."""
-    port, codec = bench.open(), CODECS["mbed14"]()
+    line, codec = bench.open(), CODECS["mbed14"]()
     bench.set(hangs=1)
-    port.write(codec.encode((1, 1, 1)))
+    line.write(codec.encode((1, 1, 1)))
     while not bench["reports_written"]:
         pass
     for current in (2, 3, 0):
-        port.write(codec.encode((current, 0, 0)))
-        assert port.read() == b""
-    assert port.counts == {WAITED: 3}
+        line.write(codec.encode((current, 0, 0)))
+        assert line.read() == b""
+    assert line.counts == {WAITED: 3}
     assert bench["reports_written"] == 1
     bench.set(hangs=0)
     while bench["reports_written"] < 2 or bench["left_in_queue"] < 2:
         pass
-    assert len(port.read(LONG_S)) == 14
-    port.close()
+    assert len(line.read(LONG_S)) == 14
+    line.close()
     assert bench["reports_written"] == 2  # the newest alone: what was asked for in between is over
     assert bench.currents == (0, 0, 0)
-    assert port.counts["report replaced by a newer one"] == 2
+    assert line.counts["report replaced by a newer one"] == 2
 
 
 def scenario_a_port_that_hangs_can_be_closed(bench: Bench) -> None:
-    port = bench.open()
+    line = bench.open()
     bench.set(hangs=1)
-    port.write(NOTHING)
+    line.write(NOTHING)
     while not bench["reports_written"]:
         pass
     patience_s, hid_port.CLOSE_S = hid_port.CLOSE_S, 0.01
-    port.close()
+    line.close()
     hid_port.CLOSE_S = patience_s
-    assert port.counts == {"closed while a report was on its way": 1}
+    assert line.counts == {"closed while a report was on its way": 1}
     assert bench["is_open"] == 1  # closing it now would pull it from under the write
     bench.set(hangs=0)
     while bench["is_open"]:
@@ -200,9 +200,9 @@ def scenario_a_port_that_hangs_can_be_closed(bench: Bench) -> None:
 
 def scenario_the_last_report_goes_before_it_is_closed(bench: Bench) -> None:
     for number in range(1, 11):
-        port = bench.open()
-        port.write(CODECS["mbed14"]().encode((number, 0, 0)))
-        port.close()
+        line = bench.open()
+        line.write(CODECS["mbed14"]().encode((number, 0, 0)))
+        line.close()
         assert bench.currents == (number, 0, 0)
         assert not bench["is_open"]
 

@@ -10,8 +10,8 @@ from typing import Protocol
 import msgspec
 
 from cogrip.devices.device import IDEAL_SPEED_MPS, Sample
-from cogrip.devices.simulated.device import SimulatedDevice
 from cogrip.devices.simulated.phantom import PhantomPlant, PhantomSettings, capability
+from cogrip.devices.simulated.simulated_device import SimulatedDevice
 from cogrip.devices.web.hand import SILENCE_S, STRETCH_N, PointerHand, PointerSettings
 from cogrip.devices.web.messages import BUTTONS, FrameError, OwnHand, State, decode_pointer, encode_own_hand, vector
 

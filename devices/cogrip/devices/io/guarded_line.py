@@ -15,7 +15,7 @@ import msgspec
 from cogrip.devices.device import DeviceError
 from cogrip.devices.io.guard import BEATS, PUSHING, READY, STEPPED_IN, WORDS, Goodbye
 from cogrip.devices.io.platform import CAN_SHARE
-from cogrip.devices.io.serial_port import SerialPort
+from cogrip.devices.io.serial_line import SerialLine
 
 START_S = 1.5  # longest wait for the guard to start: less than a server waits for a client that says nothing
 END_S = 2.0
@@ -27,11 +27,11 @@ def any_number() -> int:
     return time.time_ns() // 1_000_000_000 + os.getpid()
 
 
-class GuardedPort(SerialPort):
-    """See `Port`. goodbye: what the guard says; asked for when the port is opened.
+class GuardedLine(SerialLine):
+    """See `ByteLine`. goodbye: what the guard says; asked for when the line is opened.
 
     A write is the driver's sign of life. After the guard has stepped in, read and write raise once, and no frame but zero
-    torque goes out until the port was closed and opened again.
+    torque goes out until the line was closed and opened again.
     """
 
     def __init__(self, path: str, scheme: str, goodbye: Callable[[], Goodbye]) -> None:
@@ -53,7 +53,7 @@ class GuardedPort(SerialPort):
         return self._guard.pid if self._guard is not None else None
 
     def open(self) -> None:
-        """See `SerialPort.open`. Raises DeviceError too where the guard does not start: then there is no force."""
+        """See `SerialLine.open`. Raises DeviceError too where the guard does not start: then there is no force."""
         if not CAN_SHARE:
             raise DeviceError(
                 f"{self.name}: its firmware holds the last torque for ever, and the guard process that would take it off"
