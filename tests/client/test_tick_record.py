@@ -85,7 +85,7 @@ def test_a_record_is_that_of_an_encoder_without_memory(
             case 7:
                 coupling.down_margin_j = -1e-6 * tick
             case 9:
-                coupling.down_reserve.balance_j = 1e-6 * tick
+                coupling.down_reserve.newest_j = 1e-6 * tick
             case 11:
                 coupling.object_state = tuple([1e-6 * tick] * 6)
 

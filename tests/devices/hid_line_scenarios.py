@@ -3,7 +3,7 @@
 from cogrip.devices.arm.driver import ArmDevice
 from cogrip.devices.arm.models import MODELS
 from cogrip.devices.hid.frames import CODECS
-from cogrip.devices.io import hid_port
+from cogrip.devices.io import hid_line
 
 from tests.devices.hid_bench import LONG_S, NOTHING, WAITED, Bench, fails, fails_at_last
 
@@ -188,9 +188,9 @@ def scenario_a_port_that_hangs_can_be_closed(bench: Bench) -> None:
     line.write(NOTHING)
     while not bench["reports_written"]:
         pass
-    patience_s, hid_port.CLOSE_S = hid_port.CLOSE_S, 0.01
+    patience_s, hid_line.CLOSE_S = hid_line.CLOSE_S, 0.01
     line.close()
-    hid_port.CLOSE_S = patience_s
+    hid_line.CLOSE_S = patience_s
     assert line.counts == {"closed while a report was on its way": 1}
     assert bench["is_open"] == 1  # closing it now would pull it from under the write
     bench.set(hangs=0)

@@ -6,7 +6,7 @@ import sys
 import traceback
 from pathlib import Path
 
-from cogrip.devices.io import hid_port
+from cogrip.devices.io import hid_line
 
 from tests.devices import hid_line_scenarios
 from tests.devices.hid_bench import LONG_S, Bench
@@ -20,7 +20,7 @@ SCENARIOS = {
 
 def main(stub: str, backend: str, folder: str) -> None:
     library = ctypes.CDLL(stub)
-    hid_port.CLOSE_S = LONG_S  # a busy machine may keep the last report waiting
+    hid_line.CLOSE_S = LONG_S  # a busy machine may keep the last report waiting
     outcomes = {}
     for name, play in SCENARIOS.items():
         own = Path(folder) / name

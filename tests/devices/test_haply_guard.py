@@ -21,7 +21,7 @@ from cogrip.devices.haply.family import goodbye
 from cogrip.devices.haply.family import make as make_haply
 from cogrip.devices.haply.frames import HaplyCodec
 from cogrip.devices.haply.models import MODELS
-from cogrip.devices.io import guarded_port
+from cogrip.devices.io import guarded_line
 from cogrip.devices.io.guard import GOOD, LOOK_S, STALL_NS, StallWatch, take_off
 from cogrip.devices.io.guarded_line import GuardedLine
 from cogrip.devices.settings import parse_address
@@ -50,13 +50,13 @@ from cogrip.devices.haply.family import drive, goodbye, make
 from cogrip.devices.haply.frames import HaplyCodec
 from cogrip.devices.haply.models import MODELS
 from cogrip.devices.haply import line
-from cogrip.devices.io import guarded_port
+from cogrip.devices.io import guarded_line
 from cogrip.devices.io.guarded_line import GuardedLine
 from cogrip.devices.settings import parse_address
 from msgspec.structs import replace
 
 path, mode, stall_ns, never_ns, reply_s, bound_s = sys.argv[1], sys.argv[2], *map(int, sys.argv[3:5]), *map(float, sys.argv[5:])
-guarded_port.START_S = guarded_port.END_S = bound_s
+guarded_line.START_S = guarded_line.END_S = bound_s
 line.PATIENCE_S = reply_s
 address = parse_address(f"haply:{path}?model=2diy&pose=home")
 if stall_ns:
@@ -214,7 +214,7 @@ class Driver:
 def _patient(monkeypatch: pytest.MonkeyPatch) -> None:
     """Waiting limits meant for people are widened for a busy machine."""
     for name in ("START_S", "END_S"):
-        monkeypatch.setattr(guarded_port, name, BOUND_S)
+        monkeypatch.setattr(guarded_line, name, BOUND_S)
     monkeypatch.setattr(line, "PATIENCE_S", REPLY_S)
 
 
@@ -362,7 +362,7 @@ def test_no_guard_no_device(board: PushedBoard, monkeypatch: pytest.MonkeyPatch,
 
 
 def test_system_that_cannot_share_a_port_is_refused(board: PushedBoard, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(guarded_port, "CAN_SHARE", False)
+    monkeypatch.setattr(guarded_line, "CAN_SHARE", False)
     device = make_haply(parse_address(f"haply:{board.path}?model=2diy&pose=home"), 2, {})
     with pytest.raises(DeviceError, match="use it on Linux or macOS"):
         device.open(1000)

@@ -44,7 +44,7 @@ from cogrip.results.report.compared import compare
 from cogrip.results.report.page import render
 from cogrip.results.traces import TracedRun, load_run
 
-from tests.results.reported_runs import FigurePage as Tags
+from tests.results.reported_runs import Page as Tags
 
 NAMED = re.compile(r"\S.* \[\S.*\]", re.DOTALL)
 CROWDS = (1, 2, 8)

@@ -8,7 +8,7 @@ from cogrip.machine.stop import Stop
 from cogrip.protocol.settings.hand import parsed
 from cogrip.protocol.settings.room import resolve
 from cogrip.server.checkpoint import decode
-from cogrip.server.inputs import SetHandOrder as HandSet
+from cogrip.server.inputs import SetHand as HandSet
 from cogrip.server.io import checkpoint_file
 from cogrip.server.io.control import Request, SetHandOrder
 from cogrip.server.io.hand_orders import AwaitedOrders

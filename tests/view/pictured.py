@@ -66,8 +66,8 @@ def person(seat: int, number: int, object_m: Vector) -> PersonFrame:
         down_ms=22.0 + seat,
         buffer_up_ms=8.0 + wave,
         buffer_down_ms=7.5 - wave,
-        up_balance_mj=1.5 + 0.2 * wave,
-        line_balance_mj=0.4 + 0.1 * wave,
+        up_reserve_mj=1.5 + 0.2 * wave,
+        line_reserve_mj=0.4 + 0.1 * wave,
         loss=0.01 * seat,
     )
 

@@ -45,7 +45,7 @@ def told(opened: Shown, other: PageScene) -> Iterator[None]:
             yield
 
 
-SINGLE = ("rtt_ms", "up_ms", "down_ms", "buffer_up_ms", "buffer_down_ms", "up_balance_mj", "line_balance_mj", "loss")
+SINGLE = ("rtt_ms", "up_ms", "down_ms", "buffer_up_ms", "buffer_down_ms", "up_reserve_mj", "line_reserve_mj", "loss")
 """Numbers of a person that a frame has in single precision."""
 
 
@@ -168,7 +168,7 @@ def test_state_line_says_state_delay_and_passivity(opened: Shown) -> None:
     malformed = page.state("cogrip.stats.malformed")
     sent = frame(1)
     anna, ben = sent.people
-    nans = dict.fromkeys(("rtt_ms", "up_balance_mj", "line_balance_mj"), nan)
+    nans = dict.fromkeys(("rtt_ms", "up_reserve_mj", "line_reserve_mj"), nan)
     unknown = replace(ben, state="degraded", force_n=(nan, 0.0, 0.0), **nans)
     told = [
         ((replace(anna, rtt_ms=48.2), unknown), ("anna: live, 48 ms, passive", "ben: degraded")),

@@ -78,7 +78,7 @@ class TickRecord:
                 given = None
         late_us, work_us, skipped = timing
         (port_j, lost, playout_frames), work_j = ledger.recorded(), ledger.work.value
-        left_j, reserve_j = port.left_j(), coupling.down_reserve.balance_j
+        left_j, reserve_j = port.left_j(), coupling.down_reserve.newest_j
         held = (
             coupling.sent, coupling.returning, coupling.object_state, coupling.down_margin_j, delays.rtt_ms, delays.up_ms,
             delays.down_ms, seat.safety.state,

@@ -25,7 +25,7 @@ UNKNOWN_TURN = (nan, nan, nan, nan)
 
 @dataclass(frozen=True, slots=True)
 class PersonFrame:
-    """One person at one moment: lengths [m], force on the object [N], delays [ms], energy balances now [mJ]; NaN: not known."""
+    """One person at one moment: lengths [m], force on the object [N], delays [ms], energy reserves now [mJ]; NaN: not known."""
 
     seat: int
     state: State = "free"
@@ -40,8 +40,8 @@ class PersonFrame:
     down_ms: float = nan
     buffer_up_ms: float = nan
     buffer_down_ms: float = nan
-    up_balance_mj: float = nan
-    line_balance_mj: float = nan
+    up_reserve_mj: float = nan
+    line_reserve_mj: float = nan
     loss: float = nan
     buttons: int = 0  # down: bit k, button k + 1
     grip_m: float = nan
@@ -78,7 +78,7 @@ def _encode_person(person: PersonFrame) -> bytes:
         person.seat, STATES.index(person.state), person.flags, 0, person.lost % 2**32,
         *person.hand_m, *person.proxy_m, *person.force_n, *person.seen_m,
         person.rtt_ms, person.up_ms, person.down_ms, person.buffer_up_ms, person.buffer_down_ms,
-        person.up_balance_mj, person.line_balance_mj, person.loss, person.buttons, person.grip_m, *person.orientation,
+        person.up_reserve_mj, person.line_reserve_mj, person.loss, person.buttons, person.grip_m, *person.orientation,
     )  # fmt: skip
 
 

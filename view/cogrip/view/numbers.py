@@ -35,8 +35,8 @@ class PersonNumbers(FoxgloveMessage, frozen=True, gc=False):
     down_ms: float
     buffer_up_ms: float
     buffer_down_ms: float
-    up_balance_mj: float
-    line_balance_mj: float
+    up_reserve_mj: float
+    line_reserve_mj: float
     lost: int
     loss: float
     buttons: int
@@ -58,7 +58,7 @@ def person_numbers(person: PersonFrame, time_s: float) -> bytes:
     numbers = PersonNumbers(
         time_s, person.state, bool(person.flags & PUSHES), not person.flags & NOT_PASSIVE, Vector3(*person.hand_m),
         Vector3(*person.proxy_m), Vector3(*person.seen_m), Vector3(*person.force_n), person.rtt_ms, person.up_ms,
-        person.down_ms, person.buffer_up_ms, person.buffer_down_ms, person.up_balance_mj, person.line_balance_mj,
+        person.down_ms, person.buffer_up_ms, person.buffer_down_ms, person.up_reserve_mj, person.line_reserve_mj,
         person.lost, person.loss, person.buttons, person.grip_m, Quaternion(x, y, z, w),
     )  # fmt: skip
     return _encode(numbers)

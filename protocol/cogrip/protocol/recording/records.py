@@ -43,7 +43,7 @@ class Tick(TickHead, frozen=True, gc=False):
     wave_up: Row  # u sent at the last frame border [sqrt(W)]
     wave_down: Row  # v held over this frame [sqrt(W)]
     object_m: Row  # the object as last received
-    margin_j: Number = None  # least balance of the downlink so far; none without waves
+    margin_j: Number = None  # least reserve of the downlink so far; none without waves
     rtt_ms: Number = None
     lost: int = 0  # frames from the server that were lost, so far
     state: str = "live"  # state of the client's safety
@@ -54,7 +54,7 @@ class Tick(TickHead, frozen=True, gc=False):
     age_ticks: int = 0  # how old the sample was
     up_ms: Number = None  # one-way delays as last measured, as far as the clocks' offset is known
     down_ms: Number = None
-    reserve_j: Number = None  # balance of the downlink, as of this frame: `margin_j` is its least; none without waves
+    reserve_j: Number = None  # reserve of the downlink, as of this frame: `margin_j` is its least; none without waves
     buttons: int = 0  # buttons of the sample: bit k, button k + 1 is down
     orientation: Row | None = None  # orientation of the handle, quaternion w, x, y, z
     grip_m: Number = None  # opening of the gripper

@@ -55,7 +55,7 @@ class DeviceAccount(msgspec.Struct, frozen=True, array_like=True):
     controlled: Fraction = 0.0  # ticks in which the device port changed the force, or rendered less than was asked
     # largest energy that the hand was given beyond what it had put in, the line had given and the device's damping takes
     leak_j: float = 0.0
-    margin_j: float | None = None  # least energy balance of the port, its reserve included; below 0: not passive
+    margin_j: float | None = None  # least energy reserve of the port, its reserve included; below 0: not passive
     let_go: int = 0  # times that the force was released: it oscillated, stayed at its limit, or ran out of energy
     reserve_j: float | None = None  # least of the energy that the port could still give, after the first second
     budget_j: float | None = None  # energy that the port may give out beyond what came in (its reserve, E_0)
@@ -101,7 +101,7 @@ class ClientAccount(msgspec.Struct, frozen=True, array_like=True):
     playout: PlayoutAccount | None = None  # account of the downlink; None without waves
     delay: DelayAccount = DelayAccount()
     device: DeviceAccount = DeviceAccount()
-    down_reserve_j: float | None = None  # least balance of the downlink after its first second
+    down_reserve_j: float | None = None  # least reserve of the downlink after its first second
     peak_torque_nm: float = 0.0  # largest torque; of a seat with a gripper its largest force [N]
     line: LineAccount | None = None  # account of the last line; None without waves
     effects: EffectAccount | None = None  # account of the effects; None where none were told
@@ -128,8 +128,8 @@ class SeatAccount(msgspec.Struct, frozen=True, array_like=True):
     up: LinkCount
     playout: PlayoutAccount | None = None  # account of the uplink; None without waves
     rendered_npm: float | None = None  # stiffness of the spring as it was integrated last
-    up_reserve_j: float | None = None  # least balance of the uplink after its first second
-    line_reserve_j: float | None = None  # least balance of the whole line after its first second
+    up_reserve_j: float | None = None  # least reserve of the uplink after its first second
+    line_reserve_j: float | None = None  # least reserve of the whole line after its first second
 
 
 class RoomAccount(msgspec.Struct, frozen=True, array_like=True):

@@ -38,8 +38,8 @@ const CHUNK_HEAD_BYTES = 12;
  * @property {number} down_ms
  * @property {number} buffer_up_ms
  * @property {number} buffer_down_ms
- * @property {number} up_balance_mj
- * @property {number} line_balance_mj
+ * @property {number} up_reserve_mj
+ * @property {number} line_reserve_mj
  * @property {number} loss share of the last second, 0 to 1
  * @property {number} buttons that are down: bit k, button k + 1
  * @property {number} grip_m opening of the gripper
@@ -119,8 +119,8 @@ function decodePerson(view, at) {
     down_ms: view.getFloat32(at + 112, true),
     buffer_up_ms: view.getFloat32(at + 116, true),
     buffer_down_ms: view.getFloat32(at + 120, true),
-    up_balance_mj: view.getFloat32(at + 124, true),
-    line_balance_mj: view.getFloat32(at + 128, true),
+    up_reserve_mj: view.getFloat32(at + 124, true),
+    line_reserve_mj: view.getFloat32(at + 128, true),
     loss: view.getFloat32(at + 132, true),
     buttons: view.getUint32(at + 136, true),
     grip_m: view.getFloat32(at + 140, true),

@@ -20,8 +20,8 @@ export const QUANTITIES = [
     lines: [["force", false, (person, axis) => person.force_n[axis]]],
   },
   {
-    id: "margin", title: "Energy balance", unit: "mJ", note: "line ╌╌",
-    lines: [["up", false, (person) => person.up_balance_mj], ["line", true, (person) => person.line_balance_mj]],
+    id: "margin", title: "Energy reserve", unit: "mJ", note: "line ╌╌",
+    lines: [["up", false, (person) => person.up_reserve_mj], ["line", true, (person) => person.line_reserve_mj]],
   },
   { id: "rtt", title: "Round trip", unit: "ms", note: "", lines: [["rtt", false, (person) => person.rtt_ms]] },
   {

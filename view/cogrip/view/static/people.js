@@ -17,7 +17,7 @@ const length = (values) => Math.hypot(...values);
 export function stateLine(name, person) {
   if (person.state === "free") return `${name}: not here`;
   const delay = Number.isFinite(person.rtt_ms) ? `, ${person.rtt_ms.toFixed(0)} ms` : "";
-  const passive = Number.isFinite(person.up_balance_mj) || Number.isFinite(person.line_balance_mj) || !person.passive;
+  const passive = Number.isFinite(person.up_reserve_mj) || Number.isFinite(person.line_reserve_mj) || !person.passive;
   return `${name}: ${person.state}${delay}${passive ? (person.passive ? ", passive" : ", NOT PASSIVE") : ""}`;
 }
 
@@ -26,7 +26,7 @@ const HANDLE = "buttons"; // a row that most devices have no use for
 const NUMBERS = [
   ["force", "force on the object", (each) => number(length(each.force_n), 2), "N"],
   ["delay", "delay up / down, jitter buffer included", (each) => `${number(each.up_ms, 0)} / ${number(each.down_ms, 0)}`, "ms"],
-  ["energy", "energy balance now: line up / whole line", (each) => `${number(each.up_balance_mj, 1)} / ${number(each.line_balance_mj, 1)}`, "mJ"],
+  ["energy", "energy reserve now: line up / whole line", (each) => `${number(each.up_reserve_mj, 1)} / ${number(each.line_reserve_mj, 1)}`, "mJ"],
   ["spring", "length of the coupling from device to proxy", (each) => number(1000 * stretch(each), 1), "mm"],
   ["buffer", "depth of the jitter buffer up / down", (each) => `${number(each.buffer_up_ms, 0)} / ${number(each.buffer_down_ms, 0)}`, "ms"],
   ["lost", "frames lost in the last second (since the beginning)", (each) => `${number(100 * each.loss, 1)} % (${each.lost})`, ""],
