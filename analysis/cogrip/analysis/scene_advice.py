@@ -85,15 +85,21 @@ def _local(settings: Settings, scene: Scene, seat: SeatSettings) -> Iterator[Fin
         yield Finding("local", text, "note")
 
 
+def felt_npm(scene: Scene, seat: SeatSettings) -> float:
+    """Return the stiffness with which a hand feels a fixed body at rest [N/m] (theory 8.4)."""
+    tool_kg, b = float(scene.model.body_mass[scene.tools[seat.seat].body]), seat.coupling.impedance_nspm
+    contact_npm = CONTACT_RATE_PS2 * (tool_kg + b * float(scene.model.opt.timestep))
+    return felt_stiffness(contact_npm, seat.line_compliance(_loop_frames(seat)))
+
+
 def _felt(settings: Settings, scene: Scene, seat: SeatSettings) -> Iterator[Finding]:
     """Yield the stiffness and the mass that a hand feels (theory 8.4), and whether its task is too much for them."""
     tool_kg, b = float(scene.model.body_mass[scene.tools[seat.seat].body]), seat.coupling.impedance_nspm
-    contact_npm = CONTACT_RATE_PS2 * (tool_kg + b * float(scene.model.opt.timestep))
-    felt_npm = felt_stiffness(contact_npm, seat.line_compliance(_loop_frames(seat)))
+    fixed_npm = felt_npm(scene, seat)
     own = "" if "geom solref" not in scene.own else " where contact is as hard as by default"
     user = settings.users[seat.seat]
-    level, words = pressed(felt_npm, press_n(user))
-    text = f"{seat.user}: a fixed body is felt with {plain(felt_npm)} N/m at rest{own}: {words}"
+    level, words = pressed(fixed_npm, press_n(user))
+    text = f"{seat.user}: a fixed body is felt with {plain(fixed_npm)} N/m at rest{own}: {words}"
     yield Finding("felt", text, level)
     yield free_tool(seat.user, "tool", tool_kg + _line_kg(seat, b), tool_kg, loop_s(seat), stroke_s(user))
 
