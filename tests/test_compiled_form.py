@@ -49,7 +49,7 @@ def test_the_form_is_that_of_every_module(monkeypatch: pytest.MonkeyPatch, tmp_p
     monkeypatch.setattr(compiled_files, "folders_of_parts", lambda: {"cogrip.protocol": folder})
     for name in ("clock.py", "clock.pxd", "waves.py", "sender.py", "sender.pxd"):
         (folder / name).touch()
-    assert compiled_modules() == {"cogrip.protocol.clock": False, "cogrip.protocol.sender": False}
+    assert compiled_modules() == {"cogrip.protocol.wire.clock": False, "cogrip.protocol.sender": False}
     assert form() == "interpreted"
     (folder / f"sender{compiling.SUFFIX}").touch()
     assert form() == "partly compiled: 1 of 2 modules"

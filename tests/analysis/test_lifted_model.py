@@ -18,15 +18,16 @@ from numpy.typing import NDArray
 from cogrip.analysis.lifted_model import LiftedModel
 from cogrip.analysis.linear_session import ModelError, Person, linear_session, rounding_notes, scheme_overrides
 from cogrip.analysis.stability import verdict
-from cogrip.client.velocity import MotionObserver
-from cogrip.client.virtual_coupling import VirtualCoupling
-from cogrip.client.wave_coupling import WaveCoupling
+from cogrip.client.coupling.virtual_coupling import VirtualCoupling
+from cogrip.client.coupling.wave_coupling import WaveCoupling
+from cogrip.client.hand.velocity import MotionObserver
 from cogrip.devices.simulated.ideal import IdealPlant, IdealSettings
-from cogrip.protocol.line.delays import OneWayDelay
-from cogrip.protocol.messages import Stamp, State
-from cogrip.protocol.rates import Rates
-from cogrip.protocol.setting_types import POSE_AXES
-from cogrip.protocol.settings import Settings, resolve, seat_settings
+from cogrip.protocol.axes import POSE_AXES
+from cogrip.protocol.settings.delays import OneWayDelay
+from cogrip.protocol.settings.rates import Rates
+from cogrip.protocol.settings.room import resolve, seat_settings
+from cogrip.protocol.settings.sections import Settings
+from cogrip.protocol.wire.messages import Stamp, State
 from cogrip.server.schemes import make_world
 from cogrip.server.worlds.grip import GripWorld
 from cogrip.server.worlds.lagged import PaperWorld

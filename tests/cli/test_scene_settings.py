@@ -9,7 +9,7 @@ from cogrip.cli.settings.settings_file import load
 from cogrip.cli.settings.shipped_settings import shipped_scene
 from cogrip.cli.terminal.problem import BadInput
 from cogrip.devices.registry import make
-from cogrip.protocol.settings import seat_settings
+from cogrip.protocol.settings.room import seat_settings
 
 SETTINGS = '[object]\nkind = "scene"\naxes = 3\nfile = "{file}"\n'
 SCENE = "<mujoco><worldbody><geom type='plane' size='1 1 1'/></worldbody></mujoco>"

@@ -11,7 +11,7 @@ from cogrip.cli.settings.settings_file import load
 from cogrip.cli.terminal.problem import BadInput
 from cogrip.cli.worlds import check as check_command
 from cogrip.devices.registry import make
-from cogrip.protocol.settings import seat_settings
+from cogrip.protocol.settings.room import seat_settings
 from cogrip.server.worlds import registry
 
 from tests.cli.command import Cogrip

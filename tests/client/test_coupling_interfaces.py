@@ -2,15 +2,15 @@
 
 import pytest
 
-from cogrip.client.coupling import Coupling
-from cogrip.client.local_contact import LocalCoupling, LocalFace, LocalFaces, LocalWall
-from cogrip.client.local_poses import LocalPoses
-from cogrip.client.local_scene import LocalScene
-from cogrip.client.schemes import SCHEMES
-from cogrip.client.seat_hand import SeatHand
-from cogrip.client.seated import SeatedClient
+from cogrip.client.coupling.interface import Coupling
+from cogrip.client.coupling.local_contact import LocalCoupling, LocalFace, LocalFaces, LocalWall
+from cogrip.client.coupling.local_poses import LocalPoses
+from cogrip.client.coupling.local_scene import LocalScene
+from cogrip.client.coupling.schemes import SCHEMES
+from cogrip.client.seat.seat_hand import SeatHand
+from cogrip.client.seat.seated import SeatedClient
 from cogrip.machine.compiled_files import form
-from cogrip.protocol.decimation import Boxcar, Decimator, LastSample, Lowpass
+from cogrip.protocol.laws.decimation import Boxcar, Decimator, LastSample, Lowpass
 
 from tests.interfaces import only_named
 

@@ -13,8 +13,8 @@ from msgspec.structs import replace
 from cogrip.client.effects.active import Texture, Vibration
 from cogrip.client.effects.force import PASSIVE, EffectForce
 from cogrip.client.effects.tank import EnergyTank
-from cogrip.protocol.effects import MOST_EFFECTS, Effect, unfit_effect
-from cogrip.protocol.messages import Effects
+from cogrip.protocol.settings.effects import MOST_EFFECTS, Effect, unfit_effect
+from cogrip.protocol.wire.messages import Effects
 
 from tests.client.seated_client import capability
 

@@ -7,10 +7,10 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from cogrip.client.local_contact import LENT_J, MOST_SAVED_J, MOST_STEP_N, LocalFaces, LocalWall
-from cogrip.client.velocity import largest_impedance
+from cogrip.client.coupling.local_contact import LENT_J, MOST_SAVED_J, MOST_STEP_N, LocalFaces, LocalWall
+from cogrip.client.hand.velocity import largest_impedance
 from cogrip.protocol.line.sender import LineSender
-from cogrip.protocol.settings import SeatSettings
+from cogrip.protocol.settings.seat import SeatSettings
 
 from tests.client.seated_client import T_C, capability, next_waves, seat
 

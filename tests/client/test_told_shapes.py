@@ -5,13 +5,13 @@ from itertools import pairwise
 import pytest
 from msgspec import structs
 
-from cogrip.client.force_limits import SOFT_SLOPE_NPS
-from cogrip.client.local_contact import LocalFaces, LocalWall
-from cogrip.client.local_scene import LocalScene
-from cogrip.client.oscillation import OscillationDetector
+from cogrip.client.coupling.local_contact import LocalFaces, LocalWall
+from cogrip.client.coupling.local_scene import LocalScene
+from cogrip.client.safety.force_limits import SOFT_SLOPE_NPS
+from cogrip.client.safety.oscillation import OscillationDetector
 from cogrip.protocol.drawing import MOST_LOCAL, MOST_PAIRS, Shape
 from cogrip.protocol.line.sender import LineSender
-from cogrip.protocol.messages import Geom
+from cogrip.protocol.wire.messages import Geom
 
 from tests.client import test_local_contact as faces
 from tests.client.live_safety import live

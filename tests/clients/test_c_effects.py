@@ -11,8 +11,8 @@ import pytest
 from msgspec.structs import replace
 
 from cogrip.client.effects.force import EffectForce
-from cogrip.protocol.effects import MOST_POINTS, Effect, EffectKind
-from cogrip.protocol.messages import Effects, decode, encode
+from cogrip.protocol.settings.effects import MOST_POINTS, Effect, EffectKind
+from cogrip.protocol.wire.messages import Effects, decode, encode
 
 from tests.client.seated_client import capability
 from tests.clients.compiled import AXES, needs_compiler

@@ -4,11 +4,12 @@ from typing import Any
 
 import pytest
 
-from cogrip.protocol.coupling_settings import LEAST_FILTER_HZ, LineTuning
-from cogrip.protocol.line_tuning import USUAL_NSPM, corner_hz, tuning
-from cogrip.protocol.settings import Settings, coupling_of, resolve, seat_settings
-from cogrip.protocol.settings_digest import digest
-from cogrip.protocol.settings_table import SettingsError
+from cogrip.protocol.settings.coupling import LEAST_FILTER_HZ, LineTuning
+from cogrip.protocol.settings.digest import digest
+from cogrip.protocol.settings.line_tuning import USUAL_NSPM, corner_hz, tuning
+from cogrip.protocol.settings.room import coupling_of, resolve, seat_settings
+from cogrip.protocol.settings.sections import Settings
+from cogrip.protocol.settings.table import SettingsError
 
 AUTO = {"impedance_nspm": "auto", "wave_filter_hz": "auto"}
 TWO = [{"name": "anna"}, {"name": "ben"}]

@@ -7,10 +7,11 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from cogrip.protocol import line_tuning
-from cogrip.protocol.line_tuning import ImpedanceChanges, LoopFollower, bounded, corner_hz, filter_lag_s, flat_s, tuning
-from cogrip.protocol.loop_meter import LoopMeter
-from cogrip.protocol.setting_types import Prefer
+from cogrip.protocol.line.line_in_use import ImpedanceChanges, LoopFollower
+from cogrip.protocol.line.loop_meter import LoopMeter
+from cogrip.protocol.settings.line_tuning import bounded, corner_hz, filter_lag_s, flat_s, tuning
+from cogrip.protocol.settings.room import line_tuning
+from cogrip.protocol.settings.types import Prefer
 
 FRAME_S, FRAMES = 1.0 / 128.0, 8
 loops = st.floats(1e-3, 32.0)

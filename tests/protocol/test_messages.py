@@ -11,8 +11,13 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from cogrip.machine.tick_count import TickCount
-from cogrip.protocol import accounts, messages
-from cogrip.protocol.accounts import (
+from cogrip.protocol.settings.effects import MOST_POINTS, Effect
+from cogrip.protocol.settings.hand import HandChange, WorkspaceLimit
+from cogrip.protocol.settings.room import resolve, seat_settings
+from cogrip.protocol.settings.seat import SeatSettings
+from cogrip.protocol.texts import TEXT_BYTES, clipped
+from cogrip.protocol.wire import accounts, messages
+from cogrip.protocol.wire.accounts import (
     REASON_BYTES,
     ClientAccount,
     DeviceAccount,
@@ -20,12 +25,8 @@ from cogrip.protocol.accounts import (
     RoomAccount,
     SeatAccount,
 )
-from cogrip.protocol.effects import MOST_POINTS, Effect
-from cogrip.protocol.hand_settings import HandChange, WorkspaceLimit
-from cogrip.protocol.messages import HELLO_BYTES, VIEWED_SEATS, Hello, MalformedError, decode, encode, padded
-from cogrip.protocol.session import ClientSession, foreign_version, make_hello, nonce_of
-from cogrip.protocol.settings import SeatSettings, resolve, seat_settings
-from cogrip.protocol.texts import TEXT_BYTES, clipped
+from cogrip.protocol.wire.messages import HELLO_BYTES, VIEWED_SEATS, Hello, MalformedError, decode, encode, padded
+from cogrip.protocol.wire.session import ClientSession, foreign_version, make_hello, nonce_of
 
 from tests.protocol.valid_values import valid
 

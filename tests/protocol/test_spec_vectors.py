@@ -14,16 +14,18 @@ import msgpack
 import msgspec
 import pytest
 
-from cogrip.protocol import accounts, effects, messages, session
-from cogrip.protocol.channel import PEER
-from cogrip.protocol.hand_settings import HandChange
 from cogrip.protocol.io.dtls_client import DtlsClient
 from cogrip.protocol.line.receiver import LineReceiver
 from cogrip.protocol.line.sender import LineSender
-from cogrip.protocol.link_profile import LinkProfile
-from cogrip.protocol.messages import MalformedError, decode, encode
-from cogrip.protocol.session import ClientSession
-from cogrip.protocol.settings import Coupling, Object, Playout, SeatSettings, resolve
+from cogrip.protocol.secure.channel import PEER
+from cogrip.protocol.settings.hand import HandChange
+from cogrip.protocol.settings.link_profile import LinkProfile
+from cogrip.protocol.settings.room import Coupling, effects, resolve
+from cogrip.protocol.settings.seat import SeatSettings
+from cogrip.protocol.settings.sections import Object, Playout
+from cogrip.protocol.wire import accounts, messages, session
+from cogrip.protocol.wire.messages import MalformedError, decode, encode
+from cogrip.protocol.wire.session import ClientSession
 from cogrip.server import unencrypted_channel
 from cogrip.server.admission import AdmissionServices
 from cogrip.server.core import ServerCore

@@ -10,9 +10,16 @@ from numpy.typing import NDArray
 
 from cogrip.client.observed_scene import ObservedScene
 from cogrip.protocol.drawing import Shape
-from cogrip.protocol.messages import MAX_MESSAGE_BYTES, MOST_POSES, Bodies, Geom, decode, encode
-from cogrip.server.drawn_bodies import BODIES_AT_REST, MOVED_DEG, MOVED_M, SHAPES_A_VIEW, VIEWS_A_TURN, DrawnBodies
-from cogrip.server.observers import VIEWS_HZ
+from cogrip.protocol.wire.messages import MAX_MESSAGE_BYTES, MOST_POSES, Bodies, Geom, decode, encode
+from cogrip.server.seats.drawn_bodies import (
+    BODIES_AT_REST,
+    MOVED_DEG,
+    MOVED_M,
+    SHAPES_A_VIEW,
+    VIEWS_A_TURN,
+    DrawnBodies,
+)
+from cogrip.server.seats.observers import VIEWS_HZ
 from cogrip.server.worlds.scene import SceneWorld
 
 from tests.server.scene_worlds import hold, world_of

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from cogrip.protocol.drawing import Shape
-from cogrip.protocol.effects import MOST_EFFECTS, Effect
+from cogrip.protocol.settings.effects import MOST_EFFECTS, Effect
 from cogrip.server.io import call_limit
 from cogrip.server.worlds.energy_limiter import START_J
 from cogrip.server.worlds.grip import GripWorld

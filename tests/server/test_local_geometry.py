@@ -8,7 +8,8 @@ import pytest
 from cogrip.analysis.scene_advice import scene_findings
 from cogrip.cli.settings.settings_file import load
 from cogrip.cli.settings.shipped_settings import shipped_scene
-from cogrip.protocol.settings import Settings, resolve
+from cogrip.protocol.settings.room import resolve
+from cogrip.protocol.settings.sections import Settings
 from cogrip.server.worlds.local_geometry import MOST_LOCAL, LocalGeometry
 from cogrip.server.worlds.local_scene import LocalScene
 

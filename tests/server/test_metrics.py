@@ -11,12 +11,12 @@ from prometheus_client.parser import text_string_to_metric_families
 
 from cogrip.machine.histogram import DurationHistogram
 from cogrip.machine.pacing import Pacer
-from cogrip.protocol.accounts import LinkCount
-from cogrip.protocol.messages import Stamp, Waves
-from cogrip.protocol.settings import resolve
+from cogrip.protocol.settings.room import resolve
+from cogrip.protocol.wire.accounts import LinkCount
+from cogrip.protocol.wire.messages import Stamp, Waves
 from cogrip.server.io.metrics_families import families
+from cogrip.server.ports.seat_limits import Record
 from cogrip.server.room import Room
-from cogrip.server.seat_limits import Record
 from cogrip.server.snapshot import (
     FRESH_NS,
     REFRESHED_ROOMS,

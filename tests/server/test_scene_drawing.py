@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from cogrip.protocol.drawing import MOST_SHAPES, TILE, Shape
-from cogrip.protocol.messages import MAX_MESSAGE_BYTES, Geom, decode, encode
+from cogrip.protocol.wire.messages import MAX_MESSAGE_BYTES, Geom, decode, encode
 from cogrip.server.worlds.scene import SceneWorld
 from cogrip.server.worlds.scene_shapes import shapes_of
 from cogrip.server.worlds.scene_surfaces import MOST_SCENE_TRIANGLES

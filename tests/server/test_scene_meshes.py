@@ -14,8 +14,8 @@ from scipy.spatial.transform import Rotation
 
 from cogrip.analysis.scene_advice import scene_findings
 from cogrip.protocol.drawing import Shape
-from cogrip.protocol.messages import MAX_MESSAGE_BYTES, Geom, encode
-from cogrip.protocol.settings import resolve
+from cogrip.protocol.settings.room import resolve
+from cogrip.protocol.wire.messages import MAX_MESSAGE_BYTES, Geom, encode
 from cogrip.server.worlds.local_geometry import local_geometry
 from cogrip.server.worlds.scene_file import Held, load_scene
 from cogrip.server.worlds.scene_shapes import shapes_of

@@ -8,7 +8,8 @@ import pytest
 
 from cogrip.analysis.scene_advice import scene_findings
 from cogrip.protocol.recording.reader import open_recording
-from cogrip.protocol.settings import Settings, resolve, seat_settings
+from cogrip.protocol.settings.room import resolve, seat_settings
+from cogrip.protocol.settings.sections import Settings
 from cogrip.results.columns import layout_of
 from cogrip.results.folder import SERVER_RECORDING
 from cogrip.results.laboratory_run import run_laboratory

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from cogrip.protocol.recording.reader import RecordingError, open_recording
-from cogrip.protocol.settings import resolve
+from cogrip.protocol.settings.room import resolve
 from cogrip.results.folder import SERVER_RECORDING
 from cogrip.results.laboratory_run import run_laboratory
 from cogrip.results.replay.verify import verify

@@ -5,13 +5,14 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from cogrip.protocol.felt_stiffness import MOST_GAIN
-from cogrip.protocol.loop_meter import LoopMeter
-from cogrip.protocol.settings import SeatSettings, resolve, seat_settings
+from cogrip.protocol.laws.felt_stiffness import MOST_GAIN
+from cogrip.protocol.line.loop_meter import LoopMeter
+from cogrip.protocol.settings.room import resolve, seat_settings
+from cogrip.protocol.settings.seat import SeatSettings
 from cogrip.server.admission import AdmissionServices
 from cogrip.server.core import ServerCore
 from cogrip.server.schemes import make_world
-from cogrip.server.stiffness_adaptation import FOLLOW_S, REPORT_EVERY_S, REPORTS, StiffnessAdapter
+from cogrip.server.seats.stiffness_adaptation import FOLLOW_S, REPORT_EVERY_S, REPORTS, StiffnessAdapter
 from cogrip.server.worlds.grip import GripWorld
 from cogrip.server.worlds.push import PushWorld
 from cogrip.server.worlds.small_room import SmallGripWorld

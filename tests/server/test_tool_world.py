@@ -7,9 +7,9 @@ from typing import Any
 import numpy as np
 import pytest
 
-from cogrip.protocol.object_kinds import PYTHON
-from cogrip.protocol.rotations import between, exp, product
-from cogrip.protocol.settings import resolve, seat_settings
+from cogrip.protocol.laws.rotations import between, exp, product
+from cogrip.protocol.settings.object_kinds import PYTHON
+from cogrip.protocol.settings.room import resolve, seat_settings
 from cogrip.server.worlds.registry import ALLOWED, world_class_of
 
 from tests.server.broken_worlds import Springs, Tumbling, seats

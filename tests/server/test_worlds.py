@@ -8,7 +8,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from cogrip.protocol.settings import SeatSettings
+from cogrip.protocol.settings.seat import SeatSettings
 from cogrip.server.schemes import make_world
 from cogrip.server.worlds.grip import RAMP_S, GripWorld
 from cogrip.server.worlds.lagged import CoupledWorld, LaggedWorld, PaperWorld

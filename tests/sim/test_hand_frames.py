@@ -8,8 +8,8 @@ from typing import Any
 import numpy as np
 import pytest
 
-from cogrip.client.force_limits import SOFT_SLOPE_NPS
-from cogrip.protocol.settings import resolve
+from cogrip.client.safety.force_limits import SOFT_SLOPE_NPS
+from cogrip.protocol.settings.room import resolve
 from cogrip.results.laboratory_run import run_laboratory
 from cogrip.sim.laboratory import Laboratory
 

@@ -6,9 +6,9 @@ from math import dist, hypot
 
 import pytest
 
+from cogrip.client.coupling.local_contact import LENT_J, MOST_SAVED_J, LocalCoupling
+from cogrip.client.coupling.local_poses import LocalPoses
 from cogrip.client.inputs import DeviceFailed, Rearm
-from cogrip.client.local_contact import LENT_J, MOST_SAVED_J, LocalCoupling
-from cogrip.client.local_poses import LocalPoses
 from cogrip.results.summary import of_laboratory
 from cogrip.results.verdict import felt
 from cogrip.sim.laboratory import Laboratory

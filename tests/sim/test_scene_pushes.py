@@ -8,7 +8,8 @@ import pytest
 from cogrip.analysis.scene_pushed import pushed
 from cogrip.cli.settings.before_run import check_settings
 from cogrip.cli.terminal.problem import BadInput
-from cogrip.protocol.settings import Settings, resolve
+from cogrip.protocol.settings.room import resolve
+from cogrip.protocol.settings.sections import Settings
 from cogrip.server.worlds.scene_pushes import MOST_MADE_J
 
 from tests.extent import long

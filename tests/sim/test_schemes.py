@@ -12,14 +12,14 @@ from cogrip.analysis.lifted_model import KINDS as BLOCKS
 from cogrip.analysis.linear_session import FORMS, Scheme, linear_session, scheme_of, scheme_overrides
 from cogrip.cli.session.joined_device import MOST_ADVISED_FRAMES
 from cogrip.cli.settings.shipped_settings import shipped_scene
-from cogrip.client import schemes as client_schemes
+from cogrip.client.coupling.interface import schemes as client_schemes
 from cogrip.experiments.methods.method import METHODS
-from cogrip.protocol.coupling_kinds import COUPLING_KINDS
-from cogrip.protocol.messages import Frame, Waves
-from cogrip.protocol.object_kinds import KINDS as OBJECT_KINDS
-from cogrip.protocol.session import FOR_CLIENTS
-from cogrip.protocol.setting_types import Kind
-from cogrip.protocol.settings import resolve, seat_settings
+from cogrip.protocol.settings.coupling_kinds import COUPLING_KINDS
+from cogrip.protocol.settings.object_kinds import KINDS as OBJECT_KINDS
+from cogrip.protocol.settings.room import resolve, seat_settings
+from cogrip.protocol.settings.types import Kind
+from cogrip.protocol.wire.messages import Frame, Waves
+from cogrip.protocol.wire.session import FOR_CLIENTS
 from cogrip.server import schemes as server_schemes
 from cogrip.server.worlds.registry import WORLDS
 
@@ -27,8 +27,8 @@ ROOT = Path(__file__).parents[2]
 KINDS = get_args(Kind)
 NAMED_IN = {  # modules that may compare a kind with a name: docs/design.md, "Add a coupling scheme"
     "cli/cogrip/cli/session/served_rooms.py": "what a warning says",
-    "protocol/cogrip/protocol/object_fit.py": "grippers and worlds of others: of waves alone, until a kind is named there",
-    "protocol/cogrip/protocol/settings.py": "the paper's server step, which is one of waves",
+    "protocol/cogrip/protocol/settings/object_fit.py": "grippers and worlds of others: waves alone, until a kind is named",
+    "protocol/cogrip/protocol/settings/room.py": "the paper's server step, which is one of waves",
     "analysis/cogrip/analysis/advice.py": "what advice says of passivity",
     "analysis/cogrip/analysis/linear_session.py": "`scheme_of`, of which mypy asks for every kind",
 }

@@ -10,13 +10,13 @@ import pytest
 from msgspec.structs import replace
 
 from cogrip.client import inputs as client_inputs
-from cogrip.client.force_limits import SOFT_SLOPE_NPS
 from cogrip.client.inputs import CloseLedger
-from cogrip.protocol.accounts import ClientAccount
-from cogrip.protocol.hand_settings import UNCHANGED, parsed
-from cogrip.protocol.messages import SetHand as Message
-from cogrip.protocol.messages import encode
-from cogrip.protocol.settings import resolve
+from cogrip.client.safety.force_limits import SOFT_SLOPE_NPS
+from cogrip.protocol.settings.hand import UNCHANGED, parsed
+from cogrip.protocol.settings.room import resolve
+from cogrip.protocol.wire.accounts import ClientAccount
+from cogrip.protocol.wire.messages import SetHand as Message
+from cogrip.protocol.wire.messages import encode
 from cogrip.results.laboratory_run import run_laboratory
 from cogrip.results.records import open_run
 from cogrip.results.replay.verify import verify

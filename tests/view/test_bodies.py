@@ -14,8 +14,8 @@ import pytest
 from cogrip.cli.settings.settings_file import load
 from cogrip.devices.web.messages import FrameError
 from cogrip.protocol.drawing import TILE, Shape, pack_points, pack_triangles
-from cogrip.protocol.messages import Pose, View
 from cogrip.protocol.recording.reader import Message
+from cogrip.protocol.wire.messages import Pose, View
 from cogrip.results.laboratory_run import run_laboratory
 from cogrip.results.records import open_run
 from cogrip.results.replay.verify import verify

@@ -25,15 +25,16 @@ from cogrip.analysis.linear_session import (
     seats_on_devices,
 )
 from cogrip.analysis.stability import SEARCHED_FROM_NPM, Limit, Verdict, largest_stable, optimistic_limit, verdict
-from cogrip.client.force_limits import MOST_SLOPE_NPS
-from cogrip.client.rendered_damper import ROUNDING, bound_words, damper_key, damper_on, refusal, rounded_down
-from cogrip.client.velocity import Bound, largest_impedance
-from cogrip.devices.device import Capability
+from cogrip.client.hand.velocity import Bound, largest_impedance
+from cogrip.client.seat.rendered_damper import ROUNDING, bound_words, damper_key, damper_on, refusal, rounded_down
+from cogrip.devices.device import MOST_SLOPE_NPS, Capability
 from cogrip.devices.for_user import make_for
 from cogrip.devices.registry import is_input_only
-from cogrip.protocol.felt_stiffness import OutOfReachError, compensated_stiffness
+from cogrip.protocol.laws.felt_stiffness import OutOfReachError, compensated_stiffness
 from cogrip.protocol.line.concealment import held_force
-from cogrip.protocol.settings import SeatSettings, Settings, seat_axes, seat_settings
+from cogrip.protocol.settings.room import seat_axes, seat_settings
+from cogrip.protocol.settings.seat import SeatSettings
+from cogrip.protocol.settings.sections import Settings
 from cogrip.results.felt_as_intended import STIFFNESS_JND
 
 AMPLE = 1.5  # factor on a session's stiffness up to which it should stay stable

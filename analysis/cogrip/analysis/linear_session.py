@@ -14,20 +14,22 @@ from typing import Literal, NamedTuple, assert_never
 import numpy as np
 
 from cogrip.analysis.state_space import Complex
-from cogrip.client.rendered_damper import damper_key, seat_on
-from cogrip.client.velocity import MEMORY, memory_for
+from cogrip.client.hand.velocity import MEMORY, memory_for
+from cogrip.client.seat.rendered_damper import damper_key, seat_on
 from cogrip.devices.device import Capability, Device
 from cogrip.devices.for_user import address_of, make_for
 from cogrip.devices.settings import parse_address
 from cogrip.devices.simulated.device import SimulatedDevice
-from cogrip.protocol.coupling_kinds import COUPLING_KINDS
-from cogrip.protocol.coupling_settings import Coupling
-from cogrip.protocol.line.delays import OneWayDelay, line_delay, one_way
-from cogrip.protocol.line_tuning import filter_lag_s
-from cogrip.protocol.object_kinds import kind_of
-from cogrip.protocol.rates import Rates
-from cogrip.protocol.setting_types import Decimator, Encoder, Kind, ServerStep
-from cogrip.protocol.settings import SeatSettings, Settings, User, seat_axes, seat_settings
+from cogrip.protocol.settings.coupling import Coupling
+from cogrip.protocol.settings.coupling_kinds import COUPLING_KINDS
+from cogrip.protocol.settings.delays import OneWayDelay, line_delay, one_way
+from cogrip.protocol.settings.line_tuning import filter_lag_s
+from cogrip.protocol.settings.object_kinds import kind_of
+from cogrip.protocol.settings.rates import Rates
+from cogrip.protocol.settings.room import seat_axes, seat_settings
+from cogrip.protocol.settings.seat import SeatSettings
+from cogrip.protocol.settings.sections import Settings, User
+from cogrip.protocol.settings.types import Decimator, Encoder, Kind, ServerStep
 
 Scheme = Literal["passive", "paper", "coupling"]
 MOST_FRAMES = 256

@@ -10,10 +10,12 @@ from cogrip.analysis.line_advice import free_tool, loop_s, press_n, pressed, str
 from cogrip.analysis.linear_session import seats_on_devices
 from cogrip.devices.for_user import make_for
 from cogrip.machine.addition import add_floats
-from cogrip.protocol.felt_stiffness import felt_stiffness
-from cogrip.protocol.line.delays import line_delay
-from cogrip.protocol.setting_types import GRIP_AXES
-from cogrip.protocol.settings import SeatSettings, Settings, seat_axes
+from cogrip.protocol.axes import GRIP_AXES
+from cogrip.protocol.laws.felt_stiffness import felt_stiffness
+from cogrip.protocol.settings.delays import line_delay
+from cogrip.protocol.settings.room import seat_axes
+from cogrip.protocol.settings.seat import SeatSettings
+from cogrip.protocol.settings.sections import Settings
 from cogrip.server.worlds.local_geometry import local_geometry, unfit_tool
 from cogrip.server.worlds.scene_file import CONTACT_RATE_PS2, Scene, scene_of_settings
 from cogrip.server.worlds.scene_shapes import shapes_of

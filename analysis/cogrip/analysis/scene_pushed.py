@@ -4,7 +4,8 @@ import mujoco  # type: ignore[import-untyped]
 import numpy as np
 
 from cogrip.analysis.finding import Finding, plain
-from cogrip.protocol.settings import Settings, seat_settings
+from cogrip.protocol.settings.room import seat_settings
+from cogrip.protocol.settings.sections import Settings
 from cogrip.server.worlds.scene import SceneWorld
 from cogrip.server.worlds.scene_file import Scene, scene_of_settings
 from cogrip.server.worlds.scene_pushes import MOST_MADE_J, PUSHES, push

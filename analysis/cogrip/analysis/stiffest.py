@@ -19,10 +19,11 @@ from cogrip.analysis.feel import on_wall, slow_feel
 from cogrip.analysis.lifted_model import LiftedModel
 from cogrip.analysis.linear_session import linear_session
 from cogrip.analysis.stability import Limit, largest_stable
-from cogrip.client.rendered_damper import damper_key, rounded_down
-from cogrip.client.velocity import largest_impedance
+from cogrip.client.hand.velocity import largest_impedance
+from cogrip.client.seat.rendered_damper import damper_key, rounded_down
 from cogrip.devices.for_user import make_for
-from cogrip.protocol.settings import Settings, rates_of, resolve
+from cogrip.protocol.settings.room import rates_of, resolve
+from cogrip.protocol.settings.sections import Settings
 
 SHARES = tuple(step / 20.0 for step in range(2, 21))
 """Shares of the damper that everybody's device carries, which are tried."""

@@ -15,9 +15,9 @@ from cogrip.client.recorder import RecordedClient
 from cogrip.devices.device import Capability, Device, DeviceError, Sample, check_rate
 from cogrip.devices.simulated.ideal import IdealSettings, capability
 from cogrip.machine.stop import Stop
-from cogrip.protocol.accounts import ClientAccount
-from cogrip.protocol.session import ClientSession
-from cogrip.protocol.settings import SeatSettings
+from cogrip.protocol.settings.seat import SeatSettings
+from cogrip.protocol.wire.accounts import ClientAccount
+from cogrip.protocol.wire.session import ClientSession
 from cogrip.results.folder import client_recording
 from cogrip.sim.link import LinkEmulator
 

@@ -2,10 +2,10 @@ cimport cython
 
 from cogrip.client.hand_changes cimport HandChanges
 from cogrip.client.markers cimport Markers
-from cogrip.client.seated cimport SeatedClient
+from cogrip.client.seat.seated cimport SeatedClient
 from cogrip.devices.sample cimport Sample
 from cogrip.machine.histogram cimport DurationHistogram
-from cogrip.protocol.session cimport ClientSession
+from cogrip.protocol.wire.session cimport ClientSession
 
 
 cdef class Delays:

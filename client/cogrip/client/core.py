@@ -2,7 +2,7 @@
 
 Ticks come in two halves, `sense` and `act`. Live they follow each other at once; in virtual time the laboratory puts the
 server's step between them, which is the order of theory section 6. All other inputs are values (`cogrip.client.inputs`), which
-`handle` takes. This module has the session and its timing, `cogrip.client.seated` all that needs a seat.
+`handle` takes. This module has the session and its timing, `cogrip.client.seat.seated` all that needs a seat.
 """
 
 from collections import deque
@@ -10,22 +10,22 @@ from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
 from cogrip.client import inputs
-from cogrip.client.coupling import Coupling
-from cogrip.client.device_port import DevicePort
-from cogrip.client.energy_ledger import EnergyLedger
+from cogrip.client.coupling.interface import Coupling
 from cogrip.client.inputs import ClientInput
 from cogrip.client.markers import Markers
-from cogrip.client.safety import Safety
-from cogrip.client.seat_account import account_of
-from cogrip.client.seated import MakePort, SeatedClient
+from cogrip.client.safety.device_port import DevicePort
+from cogrip.client.safety.energy_ledger import EnergyLedger
+from cogrip.client.safety.limiter import Safety
+from cogrip.client.seat.seat_account import account_of
+from cogrip.client.seat.seated import MakePort, SeatedClient
 from cogrip.devices.device import Capability
 from cogrip.devices.sample import Sample
 from cogrip.machine.histogram import DurationHistogram
 from cogrip.machine.tick_count import Percentiles, TickCount
-from cogrip.protocol.accounts import ClientAccount, DelayAccount
-from cogrip.protocol.messages import Bodies, Effects, Geom, Hello, Mark, Person, SetHand, Stamp, Waves, encode
-from cogrip.protocol.session import ClientSession
-from cogrip.protocol.settings import SeatSettings
+from cogrip.protocol.settings.seat import SeatSettings
+from cogrip.protocol.wire.accounts import ClientAccount, DelayAccount
+from cogrip.protocol.wire.messages import Bodies, Effects, Geom, Hello, Mark, Person, SetHand, Stamp, Waves, encode
+from cogrip.protocol.wire.session import ClientSession
 
 TOLD = Person, Bodies, Geom, Mark, SetHand, Effects
 

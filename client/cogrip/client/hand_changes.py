@@ -1,7 +1,7 @@
 """Changes of a hand's settings that the server tells, and reports of what holds, each sent until the server has it."""
 
-from cogrip.protocol.hand_settings import HandChange
-from cogrip.protocol.messages import SetHand
+from cogrip.protocol.settings.hand import HandChange
+from cogrip.protocol.wire.messages import SetHand
 
 AGAIN_NS = 100_000_000
 

@@ -2,9 +2,9 @@
 
 from collections import deque
 
-from cogrip.protocol.messages import Mark
-from cogrip.protocol.task import EVERYBODY
+from cogrip.protocol.settings.task import EVERYBODY
 from cogrip.protocol.texts import clipped_mark
+from cogrip.protocol.wire.messages import Mark
 
 AGAIN_NS = 100_000_000
 MOST_UNANSWERED = 8

@@ -3,7 +3,7 @@
 from math import nan
 
 from cogrip.protocol.drawing import Shape
-from cogrip.protocol.messages import Bodies, Geom, Pose
+from cogrip.protocol.wire.messages import Bodies, Geom, Pose
 
 UNKNOWN: Pose = (nan,) * 7
 

@@ -6,9 +6,9 @@ from cogrip.client.inputs import Connect, Leave, Poll, Reached, SessionInput
 from cogrip.client.markers import Markers
 from cogrip.client.observed_scene import ObservedScene
 from cogrip.machine.histogram import DurationHistogram
-from cogrip.protocol.effects import Effect
-from cogrip.protocol.messages import Bodies, Effects, Geom, Mark, Person, View
-from cogrip.protocol.session import ClientSession
+from cogrip.protocol.settings.effects import Effect
+from cogrip.protocol.wire.messages import Bodies, Effects, Geom, Mark, Person, View
+from cogrip.protocol.wire.session import ClientSession
 
 MOST_MARKED = 64  # most markers kept for an owner that does not read them
 GONE_NS = 1_000_000_000

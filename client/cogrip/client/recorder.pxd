@@ -1,7 +1,7 @@
 cimport cython
 
 from cogrip.client.core cimport ClientCore
-from cogrip.client.seated cimport SeatedClient
+from cogrip.client.seat.seated cimport SeatedClient
 from cogrip.client.tick_record cimport TickRecord
 from cogrip.devices.sample cimport Sample
 from cogrip.protocol.recording.sink cimport CoreRecorder

@@ -3,7 +3,7 @@
 from cpython.bytes cimport PyBytes_AS_STRING, PyBytes_FromStringAndSize
 from libc.string cimport memcpy
 
-from cogrip.protocol.waves_encoding cimport write_array, write_float, write_whole
+from cogrip.protocol.line.waves_encoding cimport write_array, write_float, write_whole
 
 from cogrip.protocol.recording.records import Tick, TickHead
 from cogrip.protocol.recording.sink import pack

@@ -1,11 +1,11 @@
 cimport cython
 
 from cogrip.client.core cimport Delays
-from cogrip.client.coupling cimport Coupling
-from cogrip.client.device_port cimport DevicePort
-from cogrip.client.energy_ledger cimport EnergyLedger
-from cogrip.client.hand_motion cimport HandMotion
-from cogrip.client.seated cimport SeatedClient
+from cogrip.client.coupling.interface cimport Coupling
+from cogrip.client.safety.device_port cimport DevicePort
+from cogrip.client.safety.energy_ledger cimport EnergyLedger
+from cogrip.client.seat.hand_motion cimport HandMotion
+from cogrip.client.seat.seated cimport SeatedClient
 from cogrip.client.tick_packing cimport pack_tick
 from cogrip.devices.sample cimport Sample
 from cogrip.machine.addition cimport add_floats

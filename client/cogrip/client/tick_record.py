@@ -8,7 +8,7 @@ from collections.abc import Callable, Iterable, Sequence
 from math import inf, isfinite, nan
 from typing import TYPE_CHECKING, Any
 
-from cogrip.client.seated import SeatedClient
+from cogrip.client.seat.seated import SeatedClient
 from cogrip.client.tick_packing import BEGIN, pack_tick
 from cogrip.devices.sample import Sample
 from cogrip.machine.addition import add_floats

@@ -1,7 +1,7 @@
 cimport cython
 
-from cogrip.protocol.received_waves cimport ReceivedWaves
-from cogrip.server.participants cimport Seat
+from cogrip.protocol.line.received_waves cimport ReceivedWaves
+from cogrip.server.seats.participants cimport Seat
 from cogrip.server.room cimport Room
 
 

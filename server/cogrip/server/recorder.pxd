@@ -1,10 +1,10 @@
 cimport cython
 
-from cogrip.protocol.button_edges cimport EdgeReceiver
+from cogrip.protocol.wire.button_edges cimport EdgeReceiver
 from cogrip.protocol.recording.sink cimport CoreRecorder
 from cogrip.server.core cimport ServerCore
-from cogrip.server.participants cimport Seat
-from cogrip.server.port cimport Port
+from cogrip.server.seats.participants cimport Seat
+from cogrip.server.ports.port cimport Port
 from cogrip.server.room cimport Room
 
 

@@ -11,9 +11,7 @@ import msgspec
 import numpy as np
 
 from cogrip.machine.tick_count import TickCount
-from cogrip.protocol.button_edges import edge_words
-from cogrip.protocol.channel import Address
-from cogrip.protocol.messages import Hello
+from cogrip.protocol.axes import PLACES
 from cogrip.protocol.recording.derived import derived_topics
 from cogrip.protocol.recording.records import (
     Answer,
@@ -29,15 +27,17 @@ from cogrip.protocol.recording.records import (
 )
 from cogrip.protocol.recording.secrets import without_secrets
 from cogrip.protocol.recording.sink import CoreRecorder, ObservedQueue, Sink, encode, topics
-from cogrip.protocol.setting_types import PLACES
-from cogrip.protocol.settings import Settings
+from cogrip.protocol.secure.channel import Address
+from cogrip.protocol.settings.sections import Settings
+from cogrip.protocol.wire.button_edges import edge_words
+from cogrip.protocol.wire.messages import Hello
 from cogrip.server.admission import AdmissionServices, Authenticator, Denied, Grant
 from cogrip.server.core import ServerCore
 from cogrip.server.events import ServerEvent
 from cogrip.server.inputs import CloseLedger, Idle, ServerInput
-from cogrip.server.observers import VIEWS_HZ
 from cogrip.server.outputs import Outputs
 from cogrip.server.room import Room
+from cogrip.server.seats.observers import VIEWS_HZ
 
 WHO = "server"
 KINDS = ("datagram_in", "datagram_out", "input", "answer", "event", "account", "gap", "clock")

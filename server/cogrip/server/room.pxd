@@ -1,11 +1,11 @@
 cimport cython
 
-from cogrip.protocol.button_edges cimport EdgeReceiver
-from cogrip.server.effects cimport RoomEffects
-from cogrip.server.markers cimport Markers
-from cogrip.server.observers cimport ObserverSlots
-from cogrip.server.participants cimport Seat
-from cogrip.server.port cimport Port
+from cogrip.protocol.wire.button_edges cimport EdgeReceiver
+from cogrip.server.seats.effects cimport RoomEffects
+from cogrip.server.seats.markers cimport Markers
+from cogrip.server.seats.observers cimport ObserverSlots
+from cogrip.server.seats.participants cimport Seat
+from cogrip.server.ports.port cimport Port
 from cogrip.server.worlds.world_step cimport WorldStep
 
 

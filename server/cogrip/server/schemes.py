@@ -7,16 +7,17 @@ are in `cogrip.server.worlds.registry`.
 from collections.abc import Callable, Sequence
 from typing import NamedTuple
 
-from cogrip.protocol.messages import Frame, Power, State, Waves
-from cogrip.protocol.object_kinds import KINDS
-from cogrip.protocol.setting_types import Kind
-from cogrip.protocol.settings import SeatSettings, Settings
-from cogrip.server.local_port import LocalPort
-from cogrip.server.port import Port
-from cogrip.server.power_port import PowerPort
-from cogrip.server.seat_limits import SeatLimits
-from cogrip.server.state_port import StatePort
-from cogrip.server.wave_port import WavePort
+from cogrip.protocol.settings.object_kinds import KINDS
+from cogrip.protocol.settings.seat import SeatSettings
+from cogrip.protocol.settings.sections import Settings
+from cogrip.protocol.settings.types import Kind
+from cogrip.protocol.wire.messages import Frame, Power, State, Waves
+from cogrip.server.ports.local_port import LocalPort
+from cogrip.server.ports.port import Port
+from cogrip.server.ports.power_port import PowerPort
+from cogrip.server.ports.seat_limits import SeatLimits
+from cogrip.server.ports.state_port import StatePort
+from cogrip.server.ports.wave_port import WavePort
 from cogrip.server.worlds.lagged import CoupledWorld, PaperWorld
 from cogrip.server.worlds.local_faces import LocalFacesWorld
 from cogrip.server.worlds.power import PowerWorld

@@ -8,7 +8,7 @@ import msgspec
 
 from cogrip.machine.addition import add_integers
 from cogrip.machine.histogram import DurationHistogram
-from cogrip.protocol.accounts import LinkCount
+from cogrip.protocol.wire.accounts import LinkCount
 
 if TYPE_CHECKING:  # the reader needs no room, and none of numpy
     from cogrip.server.room import Room

@@ -1,4 +1,4 @@
-from cogrip.protocol.channel cimport UnencryptedChannel
+from cogrip.protocol.secure.channel cimport UnencryptedChannel
 from cogrip.server.rate_limit cimport RateLimiter
 
 

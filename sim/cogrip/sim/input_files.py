@@ -10,8 +10,8 @@ from cogrip.devices.device import DeviceError
 from cogrip.devices.for_user import address_of
 from cogrip.devices.recorded_motion import find, split_user
 from cogrip.devices.settings import parse_address
-from cogrip.protocol.object_kinds import PYTHON, split_python
-from cogrip.protocol.settings import Settings
+from cogrip.protocol.settings.object_kinds import PYTHON, split_python
+from cogrip.protocol.settings.sections import Settings
 from cogrip.server.worlds.scene_text import SceneError, read_scene
 
 UNREADABLE = "unreadable"  # digest of a file that cannot be read: whoever runs the session says what is wrong with it

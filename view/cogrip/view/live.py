@@ -7,13 +7,14 @@ from cogrip.client.observed_scene import ObservedScene
 from cogrip.client.observer import ObserverCore
 from cogrip.devices.web.messages import ZERO, State, Vector, vector
 from cogrip.machine.addition import add_floats
-from cogrip.protocol.button_edges import bits_of, edge_words
-from cogrip.protocol.drawing import LEAST_DRAWN_N, Shape, anchors_m, object_size_m
-from cogrip.protocol.effects import Effect, drawn_effect
-from cogrip.protocol.messages import Person, Pose, View
-from cogrip.protocol.setting_types import PLACES
-from cogrip.protocol.settings import SeatSettings
+from cogrip.protocol.axes import PLACES
+from cogrip.protocol.drawing import Shape
+from cogrip.protocol.session_drawing import LEAST_DRAWN_N, anchors_m, object_size_m
+from cogrip.protocol.settings.effects import Effect, drawn_effect
+from cogrip.protocol.settings.seat import SeatSettings
 from cogrip.protocol.texts import shown
+from cogrip.protocol.wire.button_edges import bits_of, edge_words
+from cogrip.protocol.wire.messages import Person, Pose, View
 from cogrip.results.verdict import least_margin
 from cogrip.view import frames
 from cogrip.view.frames import Frame, PersonFrame

@@ -16,16 +16,17 @@ import msgspec
 
 from cogrip.devices.web.messages import State, Vector, vector
 from cogrip.machine.addition import add_floats
-from cogrip.protocol.drawing import LEAST_DRAWN_N, MOST_SHAPES, anchors_m, object_size_m
-from cogrip.protocol.effects import drawn_effect
+from cogrip.protocol.axes import PLACES
+from cogrip.protocol.drawing import MOST_SHAPES
 from cogrip.protocol.foreign_file import ForeignFileError
-from cogrip.protocol.messages import Pose
 from cogrip.protocol.recording.derived import offset_of
 from cogrip.protocol.recording.reader import RecordingError
 from cogrip.protocol.recording.records import Geoms, Number, Poses, Row, SeatStep, Step, Tick
-from cogrip.protocol.setting_types import PLACES
-from cogrip.protocol.settings import Settings
+from cogrip.protocol.session_drawing import LEAST_DRAWN_N, anchors_m, object_size_m
+from cogrip.protocol.settings.effects import drawn_effect
+from cogrip.protocol.settings.sections import Settings
 from cogrip.protocol.texts import shown
+from cogrip.protocol.wire.messages import Pose
 from cogrip.results.folder import SETTINGS
 from cogrip.results.records import open_run
 from cogrip.results.verdict import least_margin

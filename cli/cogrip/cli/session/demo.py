@@ -26,8 +26,8 @@ from cogrip.cli.terminal.parameters import Devices, Hands, Overrides, Runs
 from cogrip.cli.terminal.problem import BadInput, above_zero
 from cogrip.machine.platform import system
 from cogrip.machine.stop import Stop, on_signals
-from cogrip.protocol.object_kinds import kind_of
-from cogrip.protocol.settings import Settings
+from cogrip.protocol.settings.object_kinds import kind_of
+from cogrip.protocol.settings.sections import Settings
 from cogrip.results.folder import (
     SETTINGS,
     SUMMARY,

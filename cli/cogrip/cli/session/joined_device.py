@@ -6,16 +6,18 @@ from cogrip.analysis.advice import advise_seat, unbounded
 from cogrip.analysis.plausible import hand_findings
 from cogrip.cli.settings.before_run import ALLOW, HELD_BY_NOBODY, refuse_implausible
 from cogrip.cli.terminal.problem import BadInput
-from cogrip.client import rendered_damper
+from cogrip.client.seat import rendered_damper
 from cogrip.devices.arm.driver import ArmDevice
 from cogrip.devices.device import Capability, Device, DeviceError
 from cogrip.devices.for_user import HANDLESS, address_of, make_for
 from cogrip.devices.registry import axes_of, make, record_of
 from cogrip.devices.replayed.device import ReplayedDevice
 from cogrip.machine.addition import add_floats
-from cogrip.protocol.line.delays import line_delay
-from cogrip.protocol.object_kinds import kind_of
-from cogrip.protocol.settings import SeatSettings, Settings, seat_axes
+from cogrip.protocol.settings.delays import line_delay
+from cogrip.protocol.settings.object_kinds import kind_of
+from cogrip.protocol.settings.room import seat_axes
+from cogrip.protocol.settings.seat import SeatSettings
+from cogrip.protocol.settings.sections import Settings
 
 DEFAULT_DEVICE = "sim:phantom?hand=reach"
 # The server chooses the settings, and the model's work grows with the cube of the frames in flight: a join must not hang.

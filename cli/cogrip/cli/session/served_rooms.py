@@ -15,7 +15,8 @@ from cogrip.cli.settings.settings_file import load
 from cogrip.cli.terminal.problem import BadInput, within
 from cogrip.devices.device import DeviceError
 from cogrip.machine.platform import system
-from cogrip.protocol.settings import Settings, not_passive
+from cogrip.protocol.settings.room import not_passive
+from cogrip.protocol.settings.sections import Settings
 from cogrip.server.events import ServerEvent
 
 MOST_WORKERS = 256

@@ -19,8 +19,8 @@ from cogrip.cli.terminal.problem import BadInput
 from cogrip.cli.terminal.tables import say
 from cogrip.devices.device import DeviceError
 from cogrip.devices.registry import FAMILIES, is_real
-from cogrip.protocol.object_kinds import kind_of
-from cogrip.protocol.settings import Settings
+from cogrip.protocol.settings.object_kinds import kind_of
+from cogrip.protocol.settings.sections import Settings
 
 AllowUnstable = Annotated[
     bool,

@@ -26,10 +26,11 @@ from cogrip.cli.terminal.problem import BadInput
 from cogrip.devices.device import DeviceError
 from cogrip.devices.for_user import try_for
 from cogrip.devices.registry import is_real
-from cogrip.protocol.network_rate import asks_auto
-from cogrip.protocol.object_kinds import KINDS, PYTHON, split_python
-from cogrip.protocol.settings import Settings, rates_of, resolve, seat_axes, seat_settings
-from cogrip.protocol.settings_table import SettingsError, parse_override
+from cogrip.protocol.settings.network_rate import asks_auto
+from cogrip.protocol.settings.object_kinds import KINDS, PYTHON, split_python
+from cogrip.protocol.settings.room import rates_of, resolve, seat_axes, seat_settings
+from cogrip.protocol.settings.sections import Settings
+from cogrip.protocol.settings.table import SettingsError, parse_override
 
 NESTED = "is nested too deep for settings, which have three levels; take the brackets out"
 TRACES = ("link.trace", "link.up.trace", "link.down.trace")

@@ -28,7 +28,7 @@ from cogrip.experiments.study.table import caught, thresholds
 from cogrip.machine.addition import add_integers
 from cogrip.machine.platform import system
 from cogrip.machine.stop import Stop, on_signals
-from cogrip.protocol.join_link import DEFAULT_PORT
+from cogrip.protocol.wire.join_link import DEFAULT_PORT
 
 
 def study(

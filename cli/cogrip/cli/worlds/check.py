@@ -15,9 +15,10 @@ from cogrip.cli.terminal.parameters import Overrides
 from cogrip.cli.terminal.problem import BadInput
 from cogrip.cli.worlds.scene_check import SUFFIXES, check_scene, shown_on
 from cogrip.machine.addition import add_integers
-from cogrip.protocol.object_kinds import KINDS, PYTHON, split_python
-from cogrip.protocol.settings import Settings, resolve, seat_settings
-from cogrip.protocol.settings_table import SettingsError
+from cogrip.protocol.settings.object_kinds import KINDS, PYTHON, split_python
+from cogrip.protocol.settings.room import resolve, seat_settings
+from cogrip.protocol.settings.sections import Settings
+from cogrip.protocol.settings.table import SettingsError
 from cogrip.server.io.call_limit import COMPUTE_LIMIT_S, WAIT_LIMIT_S, call_limit
 from cogrip.server.schemes import make_room_world
 from cogrip.server.worlds.conformance import CHECKS, Subject, UnfitError

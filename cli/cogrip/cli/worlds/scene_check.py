@@ -13,8 +13,9 @@ from rich.text import Text
 from cogrip.cli.settings.settings_file import override
 from cogrip.cli.terminal.problem import BadInput
 from cogrip.cli.terminal.tables import wrapped
-from cogrip.protocol.settings import Settings, resolve, seat_settings
-from cogrip.protocol.settings_table import SettingsError
+from cogrip.protocol.settings.room import resolve, seat_settings
+from cogrip.protocol.settings.sections import Settings
+from cogrip.protocol.settings.table import SettingsError
 
 SUFFIXES = (".xml", ".mjcf", ".urdf")
 MOST_HOLD_S = 60.0  # most processor time for the delays up to which something stays held

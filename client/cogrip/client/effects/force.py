@@ -14,23 +14,22 @@ from collections import deque
 from collections.abc import Callable, Sequence
 from math import hypot, inf
 
-from cogrip.client.coupling import DelayLine
-from cogrip.client.device_port import DevicePort
+from cogrip.client.coupling.interface import DelayLine
 from cogrip.client.effects.active import Texture, Vibration
 from cogrip.client.effects.fields import ViscousField
+from cogrip.client.effects.hand_aids import part_of
 from cogrip.client.effects.laws import ActiveLaw, PassiveLaw, Row
 from cogrip.client.effects.springs import ForbiddenZone, GuidingPath, Magnet
 from cogrip.client.effects.tank import EnergyTank
-from cogrip.client.force_limits import MOST_SLOPE_NPS
-from cogrip.client.hand_aids import part_of
-from cogrip.client.hand_map import HandMap
-from cogrip.client.safety import Safety
-from cogrip.devices.device import Capability
+from cogrip.client.hand.hand_map import HandMap
+from cogrip.client.safety.device_port import DevicePort
+from cogrip.client.safety.limiter import Safety
+from cogrip.devices.device import MOST_SLOPE_NPS, Capability
 from cogrip.machine.addition import add_floats
-from cogrip.protocol.accounts import EffectAccount
-from cogrip.protocol.effects import MOST_EFFECTS, Effect, EffectKind, unfit_effect
-from cogrip.protocol.messages import Effects
-from cogrip.protocol.setting_types import PLACES
+from cogrip.protocol.axes import PLACES
+from cogrip.protocol.settings.effects import MOST_EFFECTS, Effect, EffectKind, unfit_effect
+from cogrip.protocol.wire.accounts import EffectAccount
+from cogrip.protocol.wire.messages import Effects
 
 RAMP_S = 0.02  # time in which an effect fades in or out where it is not at rest
 MOST_STEP_N = 0.5  # largest change of the force in a tick by a spring that fades in or out

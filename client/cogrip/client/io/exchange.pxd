@@ -1,4 +1,4 @@
-from cogrip.protocol.session cimport ClientSession
+from cogrip.protocol.wire.session cimport ClientSession
 
 
 cdef class Exchange:

@@ -13,10 +13,11 @@ from typing import Any
 
 import msgspec
 
-from cogrip.protocol.network_profiles import PROFILES
-from cogrip.protocol.object_kinds import LOCAL_KINDS
-from cogrip.protocol.settings import Settings, User, rates_of, resolve
-from cogrip.protocol.settings_table import copied
+from cogrip.protocol.settings.network_profiles import PROFILES
+from cogrip.protocol.settings.object_kinds import LOCAL_KINDS
+from cogrip.protocol.settings.room import rates_of, resolve
+from cogrip.protocol.settings.sections import Settings, User
+from cogrip.protocol.settings.table import copied
 
 CLEAN, OWN = "clean", "own"
 

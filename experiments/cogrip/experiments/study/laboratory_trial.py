@@ -8,7 +8,7 @@ from cogrip.experiments.study.conductor import Ended, Quit
 from cogrip.experiments.study.spread import varied
 from cogrip.experiments.study.study_file import Study
 from cogrip.experiments.study.trial import Event
-from cogrip.protocol.settings import Settings
+from cogrip.protocol.settings.sections import Settings
 from cogrip.results.laboratory_run import run_laboratory
 from cogrip.results.measures.goal import Goal, GoalWatch
 from cogrip.sim.laboratory import Laboratory

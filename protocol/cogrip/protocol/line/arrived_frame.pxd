@@ -1,4 +1,4 @@
-from cogrip.protocol.received_waves cimport ReceivedWaves
+from cogrip.protocol.line.received_waves cimport ReceivedWaves
 
 
 cdef class ArrivedFrame:

@@ -1,7 +1,7 @@
 cimport cython
 
 from cogrip.protocol.line.energy_ledger cimport WaveLedger
-from cogrip.protocol.square_root cimport square_root
+from cogrip.protocol.laws.square_root cimport square_root
 
 
 cpdef double clamped(double value, double least, double most)

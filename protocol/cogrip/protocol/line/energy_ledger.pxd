@@ -1,8 +1,8 @@
 cimport cython
 
 from cogrip.protocol.line.energy_sums cimport WaveSums
-from cogrip.protocol.received_waves cimport ReceivedWaves
-from cogrip.protocol.square_root cimport square_root
+from cogrip.protocol.line.received_waves cimport ReceivedWaves
+from cogrip.protocol.laws.square_root cimport square_root
 
 
 cdef class WaveLedger:

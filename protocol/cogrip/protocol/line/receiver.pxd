@@ -5,8 +5,8 @@ from cogrip.protocol.line.concealment cimport Concealment, clamped
 from cogrip.protocol.line.energy_ledger cimport WaveLedger
 from cogrip.protocol.line.energy_sums cimport CompensatedSum
 from cogrip.protocol.line.jitter_buffer cimport JitterBuffer
-from cogrip.protocol.received_waves cimport ReceivedWaves
-from cogrip.protocol.square_root cimport square_root
+from cogrip.protocol.line.received_waves cimport ReceivedWaves
+from cogrip.protocol.laws.square_root cimport square_root
 
 
 @cython.locals(square=double, value=double)

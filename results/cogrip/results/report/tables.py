@@ -5,8 +5,8 @@ from typing import Any, NamedTuple
 
 import msgspec
 
-from cogrip.protocol.setting_types import PLACES
-from cogrip.protocol.settings import Settings, User
+from cogrip.protocol.axes import PLACES
+from cogrip.protocol.settings.sections import Settings, User
 from cogrip.results.summary_values import (
     UNKNOWN,
     Summary,

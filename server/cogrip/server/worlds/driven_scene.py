@@ -14,7 +14,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from cogrip.protocol.settings import SeatSettings
+from cogrip.protocol.settings.seat import SeatSettings
 from cogrip.server.worlds.power import DRIFT_MPS, DRIFT_SHARE, GIVE_SHARE
 from cogrip.server.worlds.scene import SceneWorld
 from cogrip.server.worlds.scene_file import Scene

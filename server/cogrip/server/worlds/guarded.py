@@ -15,11 +15,11 @@ from typing import Any, TypeVar
 import msgspec
 import numpy as np
 
+from cogrip.protocol.axes import PLACES
 from cogrip.protocol.drawing import MOST_SHAPES, Shape
-from cogrip.protocol.effects import MOST_EFFECTS, Effect
-from cogrip.protocol.rotations import exp
-from cogrip.protocol.setting_types import PLACES
-from cogrip.protocol.settings import SeatSettings
+from cogrip.protocol.laws.rotations import exp
+from cogrip.protocol.settings.effects import MOST_EFFECTS, Effect
+from cogrip.protocol.settings.seat import SeatSettings
 from cogrip.protocol.texts import shown
 from cogrip.server.worlds.energy_limiter import EnergyLimiter
 from cogrip.server.worlds.orientation_drift import DriftCorrection

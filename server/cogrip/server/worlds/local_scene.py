@@ -14,9 +14,10 @@ from math import dist, inf, nextafter
 
 import numpy as np
 
+from cogrip.protocol.axes import PLACES
 from cogrip.protocol.drawing import Shape
-from cogrip.protocol.setting_types import PLACES
-from cogrip.protocol.settings import REMOTE_SPEED_MPS, SeatSettings
+from cogrip.protocol.settings.seat import SeatSettings
+from cogrip.protocol.settings.sections import REMOTE_SPEED_MPS
 from cogrip.server.worlds.clearance import Clearance
 from cogrip.server.worlds.local_faces import pressed_n
 from cogrip.server.worlds.local_geometry import local_geometry, tree_of, unfit_tool

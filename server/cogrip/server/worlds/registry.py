@@ -17,8 +17,8 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 from cogrip.protocol.foreign_file import ForeignFileError
-from cogrip.protocol.object_kinds import KINDS, PYTHON, shared_kind, split_python
-from cogrip.protocol.settings import SeatSettings
+from cogrip.protocol.settings.object_kinds import KINDS, PYTHON, shared_kind, split_python
+from cogrip.protocol.settings.seat import SeatSettings
 from cogrip.protocol.texts import shown
 from cogrip.server.worlds.guarded import GuardedWorld
 from cogrip.server.worlds.world import World

@@ -24,10 +24,10 @@ from math import isfinite
 import mujoco  # type: ignore[import-untyped]
 import numpy as np
 
+from cogrip.protocol.axes import GRIP_AXES, PLACES
 from cogrip.protocol.drawing import UNTURNED, Shape
-from cogrip.protocol.rotations import log
-from cogrip.protocol.setting_types import GRIP_AXES, PLACES
-from cogrip.protocol.settings import SeatSettings
+from cogrip.protocol.laws.rotations import log
+from cogrip.protocol.settings.seat import SeatSettings
 from cogrip.server.worlds.energy_limiter import EnergyLimiter
 from cogrip.server.worlds.equality_rows import EqualityRows
 from cogrip.server.worlds.opening_ports import OpeningPorts

@@ -22,10 +22,11 @@ import mujoco  # type: ignore[import-untyped]
 import numpy as np
 
 from cogrip.machine.addition import add_integers
-from cogrip.protocol.setting_types import PINCH, PLACES, POSE_AXES, Orientation, Side
-from cogrip.protocol.settings import Settings
+from cogrip.machine.trial import MEMORY_BYTES, TrialError, tried
+from cogrip.protocol.axes import PLACES, POSE_AXES
+from cogrip.protocol.settings.sections import Settings
+from cogrip.protocol.settings.types import PINCH, Orientation, Side
 from cogrip.protocol.texts import shown
-from cogrip.server.io.trial import MEMORY_BYTES, TrialError, tried
 from cogrip.server.worlds.scene_places import CLEAR_M, SITE, Placed, place_tools
 from cogrip.server.worlds.scene_start import Start, names_of, start_of
 from cogrip.server.worlds.scene_text import MOST_NAMED, SceneError, SceneFiles, listed, read_scene, scene_of

@@ -5,8 +5,8 @@ from typing import Any
 
 import mujoco  # type: ignore[import-untyped]
 
-from cogrip.protocol.settings import SeatSettings
-from cogrip.protocol.task import Task
+from cogrip.protocol.settings.seat import SeatSettings
+from cogrip.protocol.settings.task import Task
 from cogrip.server.worlds.scene_contacts import SceneContacts, Touch
 from cogrip.server.worlds.scene_file import Scene, body_of
 from cogrip.server.worlds.task_watch import ADDED, TaskWatch

@@ -14,7 +14,7 @@ from typing import NamedTuple
 import mujoco  # type: ignore[import-untyped]
 import numpy as np
 
-from cogrip.protocol.setting_types import Side
+from cogrip.protocol.settings.types import Side
 from cogrip.server.worlds.scene_start import Start
 from cogrip.server.worlds.scene_text import SceneError
 

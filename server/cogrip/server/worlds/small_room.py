@@ -9,7 +9,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from cogrip.machine.addition import add_floats
-from cogrip.protocol.settings import SeatSettings
+from cogrip.protocol.settings.seat import SeatSettings
 from cogrip.server.worlds.grip import GripWorld
 from cogrip.server.worlds.small_step import MOST as MOST
 from cogrip.server.worlds.small_step import GripStep

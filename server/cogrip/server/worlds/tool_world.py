@@ -13,9 +13,9 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from cogrip.protocol.rotations import exp, inverse, log, product
-from cogrip.protocol.setting_types import PLACES
-from cogrip.protocol.settings import SeatSettings
+from cogrip.protocol.axes import PLACES
+from cogrip.protocol.laws.rotations import exp, inverse, log, product
+from cogrip.protocol.settings.seat import SeatSettings
 from cogrip.server.worlds.world import Array, World, displacement
 
 
@@ -24,7 +24,7 @@ class ToolWorld(World):
 
     `position` and `velocity` are shown as those of the object; `move` may set them. A tool stays as it is when a person
     takes it: the hand is then there, wherever it is, and however it is turned, in its own frame. Orientations are rotation
-    vectors, of any length; `cogrip.protocol.rotations` has what turns and adds them. Behind the offset of a place is the
+    vectors, of any length; `cogrip.protocol.laws.rotations` has what turns and adds them. Behind the offset of a place is the
     rotation D with R D = R_hand in the hand's own frame, which both turning by the same rotation leaves as it is.
     """
 

@@ -9,15 +9,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cogrip.machine.addition import add_integers
+from cogrip.protocol.axes import PLACES, POSE_AXES
 from cogrip.protocol.drawing import Shape
-from cogrip.protocol.effects import Effect
 from cogrip.protocol.foreign_file import ForeignFileError
+from cogrip.protocol.laws.rotations import between, exp
+from cogrip.protocol.laws.waves import server_gain
 from cogrip.protocol.line.energy_sums import add_compensated
-from cogrip.protocol.object_kinds import kind_of
-from cogrip.protocol.rotations import between, exp
-from cogrip.protocol.setting_types import PLACES, POSE_AXES
-from cogrip.protocol.settings import SeatSettings
-from cogrip.protocol.waves import server_gain
+from cogrip.protocol.settings.effects import Effect
+from cogrip.protocol.settings.object_kinds import kind_of
+from cogrip.protocol.settings.seat import SeatSettings
 from cogrip.server.worlds.world_step import REACH_M as REACH_M
 from cogrip.server.worlds.world_step import WORKSPACE_M as WORKSPACE_M
 from cogrip.server.worlds.world_step import Row as Row

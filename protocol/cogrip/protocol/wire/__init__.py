@@ -1,0 +1,1 @@
+"""What crosses the network: messages, the session and its clock, and the parts of messages."""
