@@ -5,7 +5,8 @@ from pathlib import Path
 import pytest
 
 from cogrip.analysis.scene_hold import LIFT_M, MOST_SLIP_M, SECONDS, Held, Hold, hold
-from cogrip.protocol.settings import Settings, resolve
+from cogrip.protocol.settings.room import resolve
+from cogrip.protocol.settings.sections import Settings
 
 GRAVITY = 9.81  # m/s^2
 FLOOR = '<geom name="floor" type="plane" size="1 1 .1"/>'

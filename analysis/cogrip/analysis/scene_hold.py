@@ -20,7 +20,8 @@ from msgspec.structs import replace
 from cogrip.analysis.finding import Finding, plain
 from cogrip.analysis.line_advice import LIGHT_GRIP_N
 from cogrip.analysis.scene_advice import felt_npm
-from cogrip.protocol.settings import Settings, seat_settings
+from cogrip.protocol.settings.room import seat_settings
+from cogrip.protocol.settings.sections import Settings
 from cogrip.server.worlds.scene import SceneWorld
 from cogrip.server.worlds.scene_contacts import LIFTED_M
 from cogrip.server.worlds.scene_file import ADDED, Scene, scene_of_settings
