@@ -12,6 +12,7 @@ from cogrip.devices.for_user import make_for
 from cogrip.machine.addition import add_floats
 from cogrip.protocol.axes import GRIP_AXES
 from cogrip.protocol.laws.felt_stiffness import felt_stiffness
+from cogrip.protocol.scene_words import changed_words, left_out_words
 from cogrip.protocol.settings.delays import line_delay
 from cogrip.protocol.settings.room import seat_axes
 from cogrip.protocol.settings.seat import SeatSettings
@@ -38,9 +39,7 @@ def _contact(scene: Scene) -> Iterator[Finding]:
     if scene.filled:
         yield Finding("contact", f"contact that creates no energy is set: {', '.join(scene.filled)}")
     if scene.changed:
-        sets = ", ".join(scene.changed)
-        text = f"the scene sets {sets}, which does not hold: contact that creates no energy is stepped otherwise"
-        yield Finding("contact", text, "note")
+        yield Finding("contact", changed_words(scene.changed), "note")
     for text in scene.unused:
         yield Finding("not used", text, "note")
     if scene.own:
@@ -63,7 +62,7 @@ def _drawn(scene: Scene) -> Iterator[Finding]:
             )
             yield Finding("drawn", text, "note")
     if drawn.left_out:
-        yield Finding("drawn", f"not drawn: {', '.join(drawn.left_out)}, nor are haze, fog and shadows", "note")
+        yield Finding("drawn", left_out_words(drawn.left_out), "note")
 
 
 def _local(settings: Settings, scene: Scene, seat: SeatSettings) -> Iterator[Finding]:

@@ -1,8 +1,8 @@
 """Delay up to which two people hold a scene's object between added tools: sessions in virtual time, one for each delay.
 
-Two simulated hands go level with the object's centre of mass, close in along x until they touch, press, lift it and hold it still,
-in strokes of 1 s, as if there were no delay. It stays held where it was lifted by LIFTED_M and from then to the end does not come
-down again, is left by no tool, and slips by at most MOST_SLIP_M along each. Each hand presses with
+Two simulated hands go level with the object's centre of mass, close in along x until they touch, press, lift it and hold it
+still, in strokes of 1 s, as if there were no delay. It stays held where it was lifted by LIFTED_M and from then to the end does
+not come down again, is left by no tool, and slips by at most MOST_SLIP_M along each. Each hand presses with
 
     max(LIGHT_GRIP_N, MARGIN m g / (2 mu))        m g weight of the object, mu friction between it and a tool
 
@@ -72,8 +72,8 @@ class Hold(NamedTuple):
         if not self.tried:
             return Finding("held", f"no delay up to which two people hold something: {self.why}", "note")
         how = (
-            f"two hands that press with {plain(self.press_n, 2)} N from left and right, lift it by {1e3 * LIFT_M:g} mm and hold "
-            f"it for {HOLD_S:g} s"
+            f"two hands that press with {plain(self.press_n, 2)} N from left and right, lift it by {1e3 * LIFT_M:g} mm and "
+            f"hold it for {HOLD_S:g} s"
         )
         up_to, last = self.up_to_ms, self.tried[-1]
         if up_to is None and last.why:
@@ -87,8 +87,8 @@ class Hold(NamedTuple):
             else ", the longest tried"
         )
         text = (
-            f"{self.body} stays held by {how} up to {up_to:g} ms of delay each way, slipping by at most {1e3 * MOST_SLIP_M:g} mm"
-            f"{beyond} ({sessions})"
+            f"{self.body} stays held by {how} up to {up_to:g} ms of delay each way, slipping by at most "
+            f"{1e3 * MOST_SLIP_M:g} mm{beyond} ({sessions})"
         )
         return Finding("held", text)
 

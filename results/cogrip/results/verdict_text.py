@@ -2,6 +2,7 @@
 
 from collections.abc import Iterator
 
+from cogrip.protocol.scene_words import as_sentence, unused_words
 from cogrip.results.judgement import Tone, never_taken
 from cogrip.results.summary_values import (
     Summary,
@@ -74,7 +75,7 @@ def _sources(summary: Summary) -> str:
 
 def _unused(summary: Summary) -> Iterator[tuple[Tone, str]]:
     if texts := dig(summary, "server", "scene", "unused"):
-        yield "warn", f"What nothing here uses of the scene: {'; '.join(map(str, texts))}."
+        yield "warn", as_sentence(unused_words([str(text) for text in texts]))
 
 
 def _states(summary: Summary) -> Iterator[tuple[Tone, str]]:

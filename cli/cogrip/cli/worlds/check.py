@@ -34,7 +34,8 @@ def world_check(world: str, /, *, overrides: Overrides = (), json: Json = None) 
 
     A world is tried with its fewest and its most seats and axes, up to four and three. Exit code 0 when all promises are kept.
     Of a scene's file it is told what is loaded, where tools are added, what is set, changed and not used, what hands feel, what
-    energy it makes in random pushes, what a frame costs, and up to which delay two people hold its object. Exit code 0 when it can be used.
+    energy it makes in random pushes, what a frame costs, and up to which delay two people hold its object. Exit code 0 when it
+    can be used.
 
     Parameters
     ----------

@@ -20,7 +20,7 @@ from cogrip.protocol.drawing import MOST_SHAPES, Shape
 from cogrip.protocol.laws.rotations import exp
 from cogrip.protocol.settings.effects import MOST_EFFECTS, Effect
 from cogrip.protocol.settings.seat import SeatSettings
-from cogrip.protocol.texts import shown
+from cogrip.protocol.texts import MOST_NAMED, clipped, shown
 from cogrip.server.worlds.energy_limiter import EnergyLimiter
 from cogrip.server.worlds.orientation_drift import DriftCorrection
 from cogrip.server.worlds.world import REACH_M, Array, Row, World, WorldError, dot
@@ -57,6 +57,7 @@ class GuardedWorld(World):
         self._where = self._place = np.zeros(self.axes)
         self._proxies = np.zeros(self._shape)
         self._shapes: tuple[Shape, ...] = ()
+        self._not_drawn: tuple[str, ...] = ()
         self._bodies, self._energy = 0, 0.0
         with self._named("its constructor"):
             self.inner = make()
@@ -76,6 +77,7 @@ class GuardedWorld(World):
         if len(shapes) > MOST_SHAPES:
             raise WorldError(f"has {len(shapes)} shapes, more than {MOST_SHAPES}")
         self._shapes = msgspec.convert(msgspec.to_builtins(shapes), tuple[Shape, ...])
+        self._not_drawn = tuple(clipped(str(words)) for words in tuple(inner.not_drawn())[:MOST_NAMED])
         self._bodies = 1 + max((body for shape in self._shapes for body in shape.bodies), default=-1)
 
     # Calls of the world
@@ -238,6 +240,9 @@ class GuardedWorld(World):
 
     def geoms(self) -> Sequence[Shape]:
         return self._shapes
+
+    def not_drawn(self) -> Sequence[str]:
+        return self._not_drawn
 
     def poses_of_bodies(self) -> Array:
         still = np.tile([0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0], (self._bodies, 1))

@@ -27,6 +27,7 @@ import numpy as np
 from cogrip.protocol.axes import GRIP_AXES, PLACES
 from cogrip.protocol.drawing import UNTURNED, Shape
 from cogrip.protocol.laws.rotations import log
+from cogrip.protocol.scene_words import changed_words, unused_words
 from cogrip.protocol.settings.seat import SeatSettings
 from cogrip.server.worlds.energy_limiter import EnergyLimiter
 from cogrip.server.worlds.equality_rows import EqualityRows
@@ -146,6 +147,11 @@ class SceneWorld(SceneMeasures):
 
     def not_drawn(self) -> Sequence[str]:
         return self._not_drawn
+
+    def notes(self) -> Sequence[str]:
+        scene = self.scene
+        told = ((scene.changed, changed_words), (scene.unused, unused_words))
+        return (*super().notes(), *(say(words) for words, say in told if words))
 
     def poses_of_bodies(self) -> Array:
         places = np.concatenate((self.data.xpos[self._drawn], self._points.places(self.data)))

@@ -15,6 +15,7 @@ from cogrip.protocol.foreign_file import ForeignFileError
 from cogrip.protocol.laws.rotations import between, exp
 from cogrip.protocol.laws.waves import server_gain
 from cogrip.protocol.line.energy_sums import add_compensated
+from cogrip.protocol.scene_words import left_out_words
 from cogrip.protocol.settings.effects import Effect
 from cogrip.protocol.settings.object_kinds import kind_of
 from cogrip.protocol.settings.seat import SeatSettings
@@ -341,6 +342,10 @@ class World(ABC):
     def not_drawn(self) -> Sequence[str]:
         """Return what the world has that its shapes do not say, in words, for those who look at it; none where they say all."""
         return ()
+
+    def notes(self) -> Sequence[str]:
+        """Return sentences about the world for those who look at it: what is not drawn of it, or was changed of it."""
+        return (left_out_words(words),) if (words := self.not_drawn()) else ()
 
     def sensor_names(self) -> Sequence[str]:
         """Return a name for each number of `sensors`; none where a world has no sensors of its own."""
