@@ -1,5 +1,6 @@
 """`cogrip worlds check FILE.xml`: what becomes of a scene that somebody else wrote, before anybody holds its tools."""
 
+import shlex
 import statistics
 import time
 from collections.abc import Callable, Iterator
@@ -80,6 +81,11 @@ def rows_of(settings: Settings) -> Iterator[Row]:
     account = account_of(settings, frame_s)
     if account.refused:
         yield "refused", "loads", account.refused
+        if account.folder:
+            command = shlex.join(
+                ["cogrip", "worlds", "check", settings.object.file, "--set", f"object.folder={account.folder}"]
+            )
+            yield "note", "to load it", f"`{command}`, if all that lies below that folder may be read"
         return
     yield (
         "ok",

@@ -29,7 +29,15 @@ from cogrip.protocol.settings.types import PINCH, Orientation, Side
 from cogrip.protocol.texts import shown
 from cogrip.server.worlds.scene_places import CLEAR_M, SITE, Placed, place_tools
 from cogrip.server.worlds.scene_start import Start, names_of, start_of
-from cogrip.server.worlds.scene_text import MOST_NAMED, SceneError, SceneFiles, listed, read_scene, scene_of
+from cogrip.server.worlds.scene_text import (
+    MOST_NAMED,
+    OutsideError,
+    SceneError,
+    SceneFiles,
+    listed,
+    read_scene,
+    scene_of,
+)
 
 MOST_CONTACTS = 8  # most contacts of a tool whose forces are measured, the strongest ones
 MOST_ITERATIONS = 1000
@@ -158,7 +166,10 @@ class Scene:
 
 
 class SceneAccount(NamedTuple):
-    """Account of a scene as its author has it, each part in words. refused: why it cannot be used, "" where it can."""
+    """Account of a scene as its author has it, each part in words.
+
+    refused: why it cannot be used, "" where it can; folder: one that would have all files that its texts name, "" for none
+    """
 
     refused: str = ""
     added: tuple[str, ...] = ()
@@ -166,6 +177,7 @@ class SceneAccount(NamedTuple):
     own: tuple[str, ...] = ()
     changed: tuple[str, ...] = ()
     unused: tuple[str, ...] = ()
+    folder: str = ""
 
 
 class Held(NamedTuple):
@@ -203,7 +215,7 @@ def account_of(settings: Settings, frame_s: float) -> SceneAccount:
     try:
         scene = scene_of_settings(settings, frame_s)
     except SceneError as error:
-        return SceneAccount(str(error))
+        return SceneAccount(str(error), folder=error.folder if isinstance(error, OutsideError) else "")
     places = scene.start.data(scene.model).xpos
     added = [
         f"{user.tool or TOOLS[0]} for {user.name} at {', '.join(f'{1e3 * each:.4g}' for each in places[tool.body])} mm"
