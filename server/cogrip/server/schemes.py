@@ -67,9 +67,12 @@ def make_world(seats: Sequence[SeatSettings]) -> World:
 
 
 def make_scene_world(settings: Settings, seats: Sequence[SeatSettings]) -> World:
-    """Return the world of a scene. Raises SceneError for a file that cannot be used, and where there is no MuJoCo."""
+    """Return the world of a scene, run by its script where there is one.
+
+    Raises SceneError for a file that cannot be used, and where there is no MuJoCo; WorldKindError, WorldError for a script.
+    """
     try:  # MuJoCo is loaded where there is a scene
-        from cogrip.server.worlds import driven_scene, local_scene, scene, scene_file
+        from cogrip.server.worlds import driven_scene, local_scene, scene, scene_file, scene_script
     except ModuleNotFoundError as error:
         if error.name != "mujoco":
             raise
@@ -84,8 +87,12 @@ def make_scene_world(settings: Settings, seats: Sequence[SeatSettings]) -> World
         "tdpa": driven_scene.PowerScene,
     }  # fmt: skip
     make = worlds[settings.coupling.kind]
-    world = make(seats, scene_file.scene_of_settings(settings, seats[0].rates.frame_s), given.substeps)
+    script, identity = scene_script.script_of(given.script) if given.script else (None, "")
+    loaded = scene_file.scene_of_settings(settings, seats[0].rates.frame_s, identity)
+    world = make(seats, loaded, given.substeps)
     world.watch(settings.task)
+    if script is not None:
+        world.follow(script)
     return world
 
 

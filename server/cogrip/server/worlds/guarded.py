@@ -41,6 +41,25 @@ class TooLongError(BaseException):
     """A call of the world takes too long. No `except Exception` in the world keeps it from getting here."""
 
 
+@contextmanager
+def called(name: str, verb: str, time_limit: Callable[[], AbstractContextManager[None]]) -> Iterator[None]:
+    """Make a WorldError with the name of another author's code of whatever is raised inside."""
+    try:
+        with time_limit():
+            yield
+    except TooLongError:
+        failed = f"{name}: takes too long in {verb}"
+    except WorldError as error:
+        failed = f"{name}: {error}"
+    except KeyboardInterrupt:
+        raise
+    except BaseException as error:  # noqa: BLE001 (it is another author's, and may call sys.exit)
+        failed = f"{name}: {error_line(error)} in {verb}"
+    else:
+        return
+    raise WorldError(failed)
+
+
 class GuardedWorld(World):
     """A world of another author. kind: as in the settings, for errors; identity: its code, which a checkpoint must share.
 
@@ -86,18 +105,14 @@ class GuardedWorld(World):
     def _named(self, verb: str) -> Iterator[None]:
         """Make a WorldError with the world's name of whatever is raised inside; the world has failed then."""
         try:
-            with self.time_limit():
+            with called(self.kind, verb, self.time_limit):
                 yield
-        except TooLongError:
-            self.failed = f"{self.kind}: takes too long in {verb}"
         except WorldError as error:
-            self.failed = f"{self.kind}: {error}"
-        except KeyboardInterrupt:
+            self.failed = str(error)
             raise
-        except BaseException as error:  # noqa: BLE001 (it is another author's, and may call sys.exit)
-            self.failed = f"{self.kind}: {error_line(error)} in {verb}"
-        if self.failed:
-            raise WorldError(self.failed)
+
+    def limit_calls(self, limit: Callable[[], AbstractContextManager[None]]) -> None:
+        self.time_limit = limit
 
     def _try(self, verb: str, call: Callable[[], T], otherwise: T) -> T:
         """Return what a call gives, or `otherwise` where it fails or the world has failed: the next step will say so."""

@@ -18,8 +18,10 @@ In a step a contact within reach counts by the sign of its force, not of its dep
 Data are kept as after `mj_step1`: places, energies and contacts are those of the present state.
 """
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
+from contextlib import AbstractContextManager
 from math import isfinite
+from typing import Any
 
 import mujoco  # type: ignore[import-untyped]
 import numpy as np
@@ -38,6 +40,7 @@ from cogrip.server.worlds.scene_file import Scene
 from cogrip.server.worlds.scene_grips import grip_of
 from cogrip.server.worlds.scene_measures import SceneMeasures
 from cogrip.server.worlds.scene_object import SceneObject
+from cogrip.server.worlds.scene_script import RunningScript, ScriptedScene
 from cogrip.server.worlds.scene_shapes import shapes_of
 from cogrip.server.worlds.scene_state import SceneEnergy, check_memory, check_rates
 from cogrip.server.worlds.turning_ports import TurningPorts
@@ -89,9 +92,30 @@ class SceneWorld(SceneMeasures):
         self._from_object = self.object.start - start  # to a hand's own frame, as long as _zero is as it is now
         self.offset[:, :PLACES] = self._from_object
         self._state = np.zeros(mujoco.mj_stateSize(model, _STATE))
+        self._script: RunningScript | None = None
+        self._scripted = ScriptedScene(model, self.data, scene.sensors, self.frame_s)
         for user in range(len(seats)):
             self._park(user)
         self._refresh()
+
+    def follow(self, script: RunningScript) -> None:
+        """Let a script set controls and move mocap bodies, before each step."""
+        self._script = script
+
+    def scene_account(self) -> dict[str, Any]:
+        told = super().scene_account()
+        return told if self._script is None else told | {"mocap_slowed": self._scripted.slowed}
+
+    def limit_calls(self, limit: Callable[[], AbstractContextManager[None]]) -> None:
+        if self._script is not None:
+            self._script.time_limit = limit
+
+    def _call_script(self, script: RunningScript) -> None:
+        try:
+            script.frame(self._scripted)
+        except WorldError as error:
+            self.failed = str(error)  # it is not called again
+            raise
 
     # Motion of the object
 
@@ -229,6 +253,8 @@ class SceneWorld(SceneMeasures):
         self.scene.start.begin(self.scene.model, self.data)
         self.contacts.forget()
         self._warm.forget()
+        if self._script is not None:
+            self._script.reset()
         self.limiter = EnergyLimiter(self.frame_s)
         for user in range(len(self.holding)):
             self._park(user)
@@ -331,6 +357,8 @@ class SceneWorld(SceneMeasures):
         grippers = self.openings.users
         if grippers:
             data.qfrc_applied[self.openings.dofs] = force[grippers, PLACES]
+        if self._script is not None:
+            self._call_script(self._script)
         rates = np.zeros((self.substeps, *force.shape))
         for number, rate in enumerate(rates, 1):
             data.efc_margin[:] = 0.0
@@ -345,6 +373,8 @@ class SceneWorld(SceneMeasures):
                 rate[grippers, PLACES] = data.qvel[self.openings.dofs]
             if number == self.substeps:
                 self.contacts.read(data)
+            if self._script is not None:
+                self._scripted.move(number / self.substeps)
             mujoco.mj_step1(model, data)
         check_memory(data)
         self.departed += self._free_bodies.departed(data)
@@ -384,10 +414,15 @@ class SceneWorld(SceneMeasures):
         seats = np.concatenate((self.holding, self.solid, self.port_work, self._work_error)).tolist()
         ledger = limiter.level_j, limiter.paid_j, float(limiter.limited), self.balance_error_j
         zero = self._zero.ravel().tolist()
-        return (*self.turning.save(), *self._warm.save(), *self._state.tolist(), *seats, *zero, *ledger)
+        script = self._script.save() if self._script is not None else ()
+        return (*script, *self.turning.save(), *self._warm.save(), *self._state.tolist(), *seats, *zero, *ledger)
 
     def restore(self, saved: Row) -> None:
         seats, physics = len(self.holding), self._state.size
+        if self._script is not None:
+            kept = self._script.numbers
+            self._script.restore(saved[:kept])
+            saved = saved[kept:]
         turned = self.turning.saved_numbers
         first = turned + self._warm.numbers
         check_saved(saved, first + physics + 7 * seats + 4)

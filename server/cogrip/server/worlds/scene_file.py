@@ -12,7 +12,7 @@ choose how a step is solved (`Scene.changed`): with other integrators, or a solv
 
 import warnings
 from collections.abc import Callable, Collection, Sequence, Set
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 from hashlib import sha256
 from pathlib import Path
@@ -202,12 +202,16 @@ def held_by(settings: Settings) -> list[Held]:
     ]
 
 
-def scene_of_settings(settings: Settings, frame_s: float) -> Scene:
-    """Return the scene of a room. Raises SceneError."""
+def scene_of_settings(settings: Settings, frame_s: float, script: str = "") -> Scene:
+    """Return the scene of a room. script: what says which code its script is. Raises SceneError."""
     given = settings.object
     folder = Path(given.folder) if given.folder else None
     files = read_scene(Path(given.file), folder)
-    return _made(files, held_by(settings), frame_s / given.substeps, given.keyframe, given.ctrl)
+    made = _made(files, held_by(settings), frame_s / given.substeps, given.keyframe, given.ctrl)
+    if not given.script:
+        return made
+    digest = sha256(f"{made.digest} {script}".encode()).hexdigest()[:DIGEST_DIGITS]
+    return replace(made, digest=digest, unused=tuple(each for each in made.unused if not each.startswith(SCRIPTED)))
 
 
 def account_of(settings: Settings, frame_s: float) -> SceneAccount:
@@ -257,6 +261,9 @@ def _made(
         _tried.add(digest)
     return load()
 
+
+SCRIPTED = ("mocap bodies", "ctrl of actuators")
+"""What is used of a scene where it has a script, as `Scene.unused` begins with it."""
 
 _tried: set[str] = set()
 """Whole digests of scenes that passed their trial in this process."""
@@ -387,10 +394,10 @@ def _unused(
     mocaps = [body for body in range(bare.nbody) if bare.body_mocapid[body] >= 0 and body not in taken]
     if mocaps:
         names = [bare.body(body).name or f"body {body}" for body in mocaps]
-        unused.append(f"mocap bodies stay where they are ({listed(names)}): name one as a person's tool")
+        unused.append(f"{SCRIPTED[0]} stay where they are ({listed(names)}): name one as a person's tool")
     if bare.nu and not controlled:
         names = names_of(bare, bare.nu, "actuator")
-        unused.append(f"ctrl of actuators stays 0 ({listed(names)}): set object.ctrl, or a keyframe that has it")
+        unused.append(f"{SCRIPTED[1]} stays 0 ({listed(names)}): set object.ctrl, or a keyframe that has it")
     return tuple(unused)
 
 

@@ -1,7 +1,8 @@
 """Base of all worlds: state of the object, a proxy for each person, and the energy ledger."""
 
 from abc import ABC, abstractmethod
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
+from contextlib import AbstractContextManager
 from math import isfinite
 from typing import Any, ClassVar
 
@@ -224,6 +225,10 @@ class World(ABC):
     def handle(self, user: int, orientation: Row | None, grip_m: float | None) -> None:
         """Tell the world the newest orientation of a person's handle, a unit quaternion w, x, y, z in the device's own frame,
         and the opening of its gripper [m]; None: not known. Called before every step in which either is known."""
+        return
+
+    def limit_calls(self, limit: Callable[[], AbstractContextManager[None]]) -> None:
+        """Bound the time of calls of another author's code by this context; nothing of this world is another author's."""
         return
 
     def engaged_at(self, user: int) -> Row:
