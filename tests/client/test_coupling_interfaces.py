@@ -15,7 +15,7 @@ from cogrip.protocol.laws.decimation import Boxcar, Decimator, LastSample, Lowpa
 from tests.interfaces import only_named
 
 LOCAL = (LocalWall, LocalFaces, LocalScene, LocalPoses)  # which of them, `make_local` chooses by the kind of object
-COUPLINGS = (*[scheme.make for scheme in SCHEMES.values() if isinstance(scheme.make, type)], *LOCAL)
+COUPLINGS = (*[make for make in SCHEMES.values() if isinstance(make, type)], *LOCAL)
 
 
 @pytest.mark.skipif(form() != "interpreted", reason="a compiled method does not tell what it calls")

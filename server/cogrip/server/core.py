@@ -14,6 +14,7 @@ from cogrip.protocol.texts import clipped, shown
 from cogrip.protocol.wire import messages
 from cogrip.protocol.wire.accounts import SeatAccount
 from cogrip.protocol.wire.messages import (
+    FRAMES,
     Edges,
     Effects,
     Farewell,
@@ -33,14 +34,14 @@ from cogrip.server.events import ServerEvent
 from cogrip.server.joining import Joining
 from cogrip.server.outputs import Outputs
 from cogrip.server.room import Room
-from cogrip.server.schemes import FRAMES
 from cogrip.server.seat_assignment import Place, SeatTable
 from cogrip.server.seats.participants import Observer, Seat
 
 MOST_BYTES = messages.MAX_MESSAGE_BYTES
 FAREWELL_EVERY_NS = 50_000_000  # time between two farewells to a client that has not received one
 
-FROM_CLIENTS = (*FRAMES, Edges, Heartbeat, Leave, Mark, SetHand, Effects)
+_FRAMES = tuple(FRAMES.values())
+FROM_CLIENTS = (*_FRAMES, Edges, Heartbeat, Leave, Mark, SetHand, Effects)
 
 
 class ServerCore:
@@ -210,7 +211,7 @@ class ServerCore:
             observer.clock.read(message.stamp, now_ns)
         elif isinstance(message, Leave):
             self._end_observer(room, observer, "goodbye", "left", f"left: {shown(message.reason)}")
-        elif isinstance(message, FRAMES):
+        elif isinstance(message, _FRAMES):
             self._drop("observer's waves")
             reason = "an observer may not send waves: they were not applied; join with a player's link"
             self._end_observer(room, observer, reason, "kicked", f"was kicked: {reason}")

@@ -20,7 +20,7 @@ from cogrip.protocol.wire import messages
 from cogrip.protocol.wire.accounts import RoomAccount, SeatAccount
 from cogrip.protocol.wire.button_edges import EdgeReceiver, bits_of
 from cogrip.protocol.wire.clock import Clock
-from cogrip.protocol.wire.messages import Heartbeat, Mark, Waves
+from cogrip.protocol.wire.messages import FRAMES, Heartbeat, Mark, Waves
 from cogrip.protocol.wire.session import LOST_NS
 from cogrip.server.checkpoint import VERSION, CheckpointError, RoomCheckpoint
 from cogrip.server.ports.port import Row
@@ -56,7 +56,7 @@ class Room:
         self.digest = digest(settings)
         self.seats = [Seat(seat_settings(settings, number), number) for number in range(len(settings.users))]
         self._scheme = SCHEMES[settings.coupling.kind]
-        self.frame = self._scheme.frame
+        self.frame = FRAMES[settings.coupling.traits.frame]
         self.takes_waves = self.frame is Waves
         self.world = make_room_world(settings, [seat.settings for seat in self.seats])
         self.world_step = self.world.as_step()

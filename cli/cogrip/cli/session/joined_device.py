@@ -21,12 +21,6 @@ from cogrip.protocol.settings.sections import Settings
 
 DEFAULT_DEVICE = "sim:phantom?hand=reach"
 # The server chooses the settings, and the model's work grows with the cube of the frames in flight: a join must not hang.
-MOST_ADVISED_FRAMES = {
-    "wave": 96,
-    "local": 512,
-    "coupling": 40,
-    "tdpa": 512,
-}  # most frames of both directions together with which the model is computed; each takes about 2 s
 MOST_ADVISED_TICKS = 256  # most ticks of a frame with which the model is computed
 USUAL_HZ, LOOKED_AHEAD_S = 1024, 60.0  # rate and length with which a hand is checked before a server has told its own
 
@@ -120,7 +114,7 @@ def judge_seat(
     if not kind_of(seat.object.kind).spring:  # there is no model; what its device carries is known
         warnings = tuple(filter(None, [rendered_damper.refusal(seat, record), *unbounded(seat)]))
         refused = () if allow_unstable else warnings
-    elif frames > MOST_ADVISED_FRAMES[seat.coupling.kind] or seat.rates.ticks_per_frame > MOST_ADVISED_TICKS:
+    elif frames > seat.coupling.traits.advised_frames or seat.rates.ticks_per_frame > MOST_ADVISED_TICKS:
         warnings = ("no advice: the delays are too long for the model",)
     else:
         try:

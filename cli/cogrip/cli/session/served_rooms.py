@@ -89,7 +89,7 @@ def warn_of(rooms: Sequence[Settings], bound: tuple[str, int], encrypted: bool, 
                 f"warning: room {settings.name} is not passive ({active}): it can make energy, and throw about what people "
                 "hold; serve people you trust, or leave these settings out"
             )
-        if encrypted and settings.coupling.kind == "coupling":
+        if encrypted and not settings.coupling.traits.passive:
             lines.append(
                 f"warning: room {settings.name}: virtual coupling bounds speeds but no power: "
                 "serve people you trust, or waves"

@@ -25,7 +25,6 @@ from collections.abc import Sequence
 from math import dist, exp, hypot, inf, sqrt
 from typing import Literal
 
-from cogrip.client.coupling.schemes import SCHEMES
 from cogrip.client.hand.row_size import surely_below
 from cogrip.client.hand.velocity import lag_ticks, largest_impedance
 from cogrip.client.safety.force_limits import SOFT_SLOPE_NPS
@@ -323,7 +322,7 @@ def cure(found: Cause, seat: SeatSettings, record: Capability) -> str:
             most += f", or {record.rotation.peak_torque_nm:g} N m of torque"
         lower = f"set coupling.stiffness_npm lower than {coupling.stiffness_npm:g}"
         return f"the force sits at its limit of {most}; push less, or {lower}"
-    key = SCHEMES[coupling.kind].softer_key
+    key = coupling.traits.softer_key
     return f"the force oscillates at the hand; set coupling.{key} lower than {getattr(coupling, key):g}"
 
 

@@ -6,12 +6,10 @@ Settings are the server's, and the device is the client's: a client judges its o
 from math import floor, log10
 from typing import NamedTuple
 
-from cogrip.client.coupling.schemes import SCHEMES
 from cogrip.client.hand.velocity import NOISE_N, Carried, largest_impedance
 from cogrip.devices.device import Capability, DeviceError
 from cogrip.protocol.settings.coupling import Coupling
 from cogrip.protocol.settings.seat import SeatSettings
-from cogrip.protocol.settings.types import Kind
 
 ROUNDING = 1e-9  # relative excess over a bound that is rounding: settings are decimal
 
@@ -30,13 +28,8 @@ class Damper(NamedTuple):
 
 def damper_of(coupling: Coupling) -> Damper:
     """Return the damper in the client's own force law."""
-    symbol, key = SCHEMES[coupling.kind].damper
+    symbol, key = coupling.traits.damper
     return Damper(symbol, key, getattr(coupling, key))
-
-
-def damper_key(kind: Kind) -> str:
-    """Return the key of [coupling] that holds that damper."""
-    return SCHEMES[kind].damper[1]
 
 
 def seat_on(seat: SeatSettings, record: Capability) -> SeatSettings:

@@ -13,7 +13,7 @@ from operator import mul, sub
 from msgspec.structs import replace
 
 from cogrip.client.coupling.interface import Coupling
-from cogrip.client.coupling.schemes import SCHEMES
+from cogrip.client.coupling.schemes import make_coupling
 from cogrip.client.effects.force import EffectForce
 from cogrip.client.effects.hand_aids import part_of
 from cogrip.client.hand.felt_stiffness import REST_S, FeltStiffness
@@ -30,7 +30,7 @@ from cogrip.devices.sample import Sample
 from cogrip.machine.addition import add_floats
 from cogrip.protocol.axes import PLACES
 from cogrip.protocol.settings.seat import SeatSettings
-from cogrip.protocol.wire.messages import Edges, Effects, Frame, View, encode
+from cogrip.protocol.wire.messages import FRAMES, Edges, Effects, Frame, View, encode
 from cogrip.protocol.wire.session import ClientSession
 
 LEAVE_FADE_S = 0.5  # time from `stop` in which what the line still holds the object by fades
@@ -52,7 +52,7 @@ class SeatedClient(SeatHand):
         rates = seat.rates
         super().__init__(seat, session, capability)
         self.session_id = session.welcome.session if session.welcome else 0
-        self.coupling: Coupling = SCHEMES[seat.coupling.kind].make(seat)
+        self.coupling: Coupling = make_coupling(seat)
         self.safety = Safety(self.capability, rates.tick_s, seat.coupling.length_scale)
         self.port = make_port(self._record, rates.tick_s, rates.ticks_per_frame)
         self.ledger = EnergyLedger(self.coupling)
@@ -109,7 +109,7 @@ class SeatedClient(SeatHand):
         """Begin a new wave line for a resumed session. The ticks of the frame under way carry no motion."""
         self.session_id = session_id
         self.changes.begin()
-        self.coupling = coupling = SCHEMES[self.settings.coupling.kind].make(self.settings)
+        self.coupling = coupling = make_coupling(self.settings)
         self.ledger.begin_line(coupling)
         if self.effects is not None:
             self.effects.forget()
@@ -154,7 +154,7 @@ class SeatedClient(SeatHand):
         before = coupling.newest
         if self.handle is not None and not isinstance(message, View):
             self.handle.edges.acknowledge(message.edges)
-        if not isinstance(message, SCHEMES[self.settings.coupling.kind].message) or not coupling.receive(message):
+        if not isinstance(message, FRAMES[self.settings.coupling.traits.frame]) or not coupling.receive(message):
             self.session.drop("unfit")
         elif coupling.newest > before:
             self.session.mark_fresh(now_ns)
@@ -162,7 +162,7 @@ class SeatedClient(SeatHand):
     def receive_effects(self, told: Effects) -> Effects:
         """Set an effect that the server sent. Return the acknowledgement, with the numbers of all effects that are known."""
         if self.effects is None:
-            b = getattr(self.settings.coupling, SCHEMES[self.settings.coupling.kind].damper[1])
+            b = getattr(self.settings.coupling, self.settings.coupling.traits.damper.key)
             self.effects = EffectForce(len(self.force_n), self.settings.rates.tick_s, b)
             self.effects.fit(self._record, self.port.tolerated_j)
         if reason := self.effects.tell(told, self.tick):

@@ -11,7 +11,7 @@ from cogrip.protocol.axes import GRIP_AXES
 from cogrip.protocol.laws import decimation
 from cogrip.protocol.laws import felt_stiffness as felt
 from cogrip.protocol.settings import types
-from cogrip.protocol.settings.coupling_kinds import COUPLING_KINDS, CouplingKind
+from cogrip.protocol.settings.coupling_kinds import COUPLING_KINDS, CouplingKind, Kind
 from cogrip.protocol.settings.delays import Direction, PlayoutDelay, line_delay
 from cogrip.protocol.settings.line_tuning import USUAL_NSPM, corner_hz, filter_lag_s, kept_tuning, tuning
 from cogrip.protocol.settings.rates import Rates
@@ -23,7 +23,7 @@ GRIP_NSPM = 10.0  # impedance of a gripper where the settings give none
 class CouplingBase(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     """Scheme, wave impedance, and the spring between proxy and object (theory sections 1 to 5)."""
 
-    kind: types.Kind = "wave"
+    kind: Kind = "wave"
     impedance_nspm: types.Impedance | types.Auto = "auto"
     stiffness_npm: types.Stiffness = 1000.0
     damping_nspm: types.Damping = 10.0

@@ -1,24 +1,51 @@
-"""Kinds of coupling, by `coupling.kind` of the settings, and what all that reads settings needs to know of each.
+"""Kinds of coupling, by `coupling.kind` of the settings: a row for each, with all that a reader of settings needs to know.
 
 What each end makes of a kind is in its own table: `cogrip.client.coupling.schemes` and `cogrip.server.schemes`.
 """
 
-from typing import NamedTuple
+from typing import Literal, NamedTuple
 
-from cogrip.protocol.settings.types import Kind
+Kind = Literal["wave", "local", "coupling", "tdpa"]
+
+
+class Damper(NamedTuple):
+    """The damper that a device itself renders: b of waves, B of virtual coupling. key: of [coupling]."""
+
+    symbol: str
+    key: Literal["impedance_nspm", "damping_nspm"]
 
 
 class CouplingKind(NamedTuple):
     """Properties of a kind. None has a default: whoever adds a kind decides each.
 
-    waves    both ends send `Waves`: then a scene may have poses and has an energy limiter, and the line can be tuned live
-    local    the client renders contact itself, so that its force does not wait for the line
-    passive  creates no energy, given the passive server step and a decimator that creates none
+    frame           message that carries a frame both ways, by its name in `cogrip.protocol.wire.messages`; of `Waves` alone a
+                    scene may have poses and has an energy limiter, and the line can be tuned live
+    local           the client renders contact itself, so that its force does not wait for the line
+    passive         creates no energy, given the passive server step and a decimator that creates none
+    own_frame       the server answers with the object in each person's own frame, from where that hand began
+    any_world       fits worlds of other packages and grippers
+    paper_step      knows the paper's own server step
+    damper          damper that the device renders
+    softer_key      key of [coupling] to lower where the force oscillates
+    linear          form of its linear model (`cogrip.analysis.linear_session`); None: it is not linear
+    advised_frames  frames of both directions together up to which a client that joins has the model computed: about 2 s
     """
 
-    waves: bool
+    frame: Literal["Waves", "State", "Power"]
     local: bool
     passive: bool
+    own_frame: bool
+    any_world: bool
+    paper_step: bool
+    damper: Damper
+    softer_key: Literal["impedance_nspm", "stiffness_npm"]
+    linear: Literal["passive", "coupling"] | None
+    advised_frames: int
+
+    @property
+    def waves(self) -> bool:
+        """True where both ends send waves."""
+        return self.frame == "Waves"
 
     @property
     def felt_through_waves(self) -> bool:
@@ -26,12 +53,25 @@ class CouplingKind(NamedTuple):
         return self.waves and not self.local
 
 
+_IMPEDANCE, _DAMPING = Damper("b", "impedance_nspm"), Damper("B", "damping_nspm")
 COUPLING_KINDS: dict[Kind, CouplingKind] = {
-    "wave": CouplingKind(waves=True, local=False, passive=True),
-    "local": CouplingKind(waves=True, local=True, passive=True),
-    "coupling": CouplingKind(waves=False, local=False, passive=False),
-    "tdpa": CouplingKind(waves=False, local=False, passive=True),
-}
+    "wave": CouplingKind(
+        frame="Waves", local=False, passive=True, own_frame=False, any_world=True, paper_step=True, damper=_IMPEDANCE,
+        softer_key="impedance_nspm", linear="passive", advised_frames=96,
+    ),
+    "local": CouplingKind(  # its linear model is that of each client's own contact, which has no delay
+        frame="Waves", local=True, passive=True, own_frame=False, any_world=False, paper_step=False, damper=_DAMPING,
+        softer_key="stiffness_npm", linear="coupling", advised_frames=512,
+    ),
+    "coupling": CouplingKind(
+        frame="State", local=False, passive=False, own_frame=True, any_world=False, paper_step=False, damper=_DAMPING,
+        softer_key="stiffness_npm", linear="coupling", advised_frames=40,
+    ),
+    "tdpa": CouplingKind(
+        frame="Power", local=False, passive=True, own_frame=False, any_world=False, paper_step=False, damper=_IMPEDANCE,
+        softer_key="stiffness_npm", linear=None, advised_frames=512,
+    ),
+}  # fmt: skip
 
 UNLENT_MJ = 1.0
 """Energy that a scheme without a credit may give out before it is not passive [mJ]: it moves an arm of 75 g at 0.16 m/s."""

@@ -61,7 +61,7 @@ def unfit_object(settings: Settings, compensated: Sequence[str]) -> str:
             "set object.axes = 3",
         ),
         (
-            grips and coupling.kind != "wave",
+            grips and not coupling.traits.any_world,
             f'coupling.kind = "{coupling.kind}" has no gripper',
             f'set coupling.kind = "wave", or take another tool than "{PINCH}"',
         ),
@@ -76,7 +76,7 @@ def unfit_object(settings: Settings, compensated: Sequence[str]) -> str:
             'set coupling.kind = "wave" or "local", or object.axes = 3',
         ),
         (
-            not scene and coupling.kind != "wave",
+            not scene and not coupling.traits.any_world,
             f'coupling.kind = "{coupling.kind}" does not fit it',
             'set coupling.kind = "wave"',
         ),

@@ -31,6 +31,7 @@ from cogrip.protocol.settings.rates import Rates, misfit
 from cogrip.protocol.settings.seat import SeatSettings
 from cogrip.protocol.settings.sections import (
     ONLY_USER,
+    OWN_COUPLING,
     REMOTE,
     Settings,
     User,
@@ -84,7 +85,7 @@ def for_remote_clients(settings: Settings) -> Settings:
 
 def coupling_asked(settings: Settings, user: User) -> CouplingSection:
     """Return [coupling] with this user's own values."""
-    own = {name: getattr(user, name) for name in CouplingSection.__struct_fields__ if hasattr(user, name)}
+    own = {name: getattr(user, name) for name in OWN_COUPLING}
     return replace(settings.coupling, **{name: value for name, value in own.items() if value is not None})
 
 
@@ -170,7 +171,7 @@ def _check_fit(settings: Settings) -> None:
     if times > 1:
         raise SettingsError(f"users: the name {name!r} stands twice; give every user a name of their own")
     kind = settings.coupling.kind
-    if kind != "wave" and settings.coupling.server_step == "paper":
+    if settings.coupling.server_step == "paper" and not settings.coupling.traits.paper_step:
         raise SettingsError(
             f'coupling.server_step = "paper" is a step of the wave scheme; with coupling.kind = "{kind}" leave it "passive"'
         )

@@ -53,7 +53,7 @@ class SeatSettings(msgspec.Struct, frozen=True, array_like=True):
 
     @property
     def hand_change(self) -> HandChange:
-        """What holds of this seat's hand as its session begins, but for a clutch that its button holds."""
+        """The change that says what holds of this seat's hand as its session begins, but for a clutch that its button holds."""
         frame = self.tool or ToolFrame()
         return HandChange(
             frame.position_scale,

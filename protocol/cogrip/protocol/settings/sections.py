@@ -121,6 +121,10 @@ class User(HandSection, frozen=True, forbid_unknown_fields=True):
         return self.tool.partition(":")[0] == types.PINCH
 
 
+OWN_COUPLING = tuple(name for name in CouplingSection.__struct_fields__ if name in User.__struct_fields__)
+"""Keys of [coupling] that a person may have of their own."""
+
+
 class Settings(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     """All settings of a room."""
 

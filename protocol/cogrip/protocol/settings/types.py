@@ -7,7 +7,6 @@ import msgspec
 Decimator = Literal["boxcar", "lowpass", "none"]
 Encoder = Literal["displacement", "velocity"]
 Side = Literal["left", "right"]
-Kind = Literal["wave", "local", "coupling", "tdpa"]
 ServerStep = Literal["passive", "paper"]
 Prefer = Literal["light", "balanced", "stiff"]
 Concealed = Literal["zero", "repaid", "tank", "elastic"]

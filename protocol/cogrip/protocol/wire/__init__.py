@@ -1,1 +1,1 @@
-"""What crosses the network: messages, the session and its clock, and the parts of messages."""
+"""The wire: messages and their parts, the session and its clock (SPEC.md)."""

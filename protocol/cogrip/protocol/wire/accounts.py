@@ -41,7 +41,7 @@ class DelayAccount(msgspec.Struct, frozen=True, array_like=True):
     up_ms: Percentiles = Percentiles()  # one-way delay by the clocks, as far as their offset is known
     down_ms: Percentiles = Percentiles()
     offset_ms: float | None = None  # the server's clock less the client's
-    uncertainty_ms: float | None = None  # uncertainty of the offset: half the least round trip (`protocol.clock`)
+    uncertainty_ms: float | None = None  # uncertainty of the offset: half the least round trip (`protocol.wire.clock`)
 
 
 Fraction = Annotated[float, msgspec.Meta(ge=0.0, le=1.0)]  # fraction of the ticks in which the device may give force

@@ -4,10 +4,11 @@ The sender repeats an edge in every datagram until the receiver has acknowledged
 number. An edge is a button's number from 1: above 0 it went down, below 0 up.
 """
 
-from collections import Counter, deque
+from collections import Counter
 from collections.abc import Iterator
 
 from cogrip.protocol.wire.handle import MOST_AGE, MOST_BUTTONS, MOST_EDGES, Handle, Quaternion
+from cogrip.protocol.wire.reliable import Unanswered
 
 LEFT_OUT = "button edges"
 
@@ -21,9 +22,7 @@ class EdgeSender:
 
     def __init__(self, dropped: Counter[str]) -> None:
         self._dropped = dropped
-        self._first = 0  # number of the oldest
-        self._edges: deque[int] = deque()
-        self._ticks: deque[int] = deque()
+        self._edges: Unanswered[tuple[int, int]] = Unanswered(MOST_EDGES)  # each with its tick
         self._buttons = 0  # as read last
         self._sent = 0  # after the newest edge
 
@@ -31,41 +30,36 @@ class EdgeSender:
         """Set the buttons that are down at a tick, one bit each. Return whether that made an edge."""
         if buttons == self._buttons == self._sent:
             return False
-        before = len(self._edges)
+        before = self._edges.number
         changed, self._buttons = buttons ^ self._buttons, buttons
         differs = buttons ^ self._sent
         if left_out := changed & ~differs:
             self._dropped[LEFT_OUT] += 2 * left_out.bit_count()
         for bit in bits_of(differs):
-            if len(self._edges) == MOST_EDGES:
+            if self._edges.full:
                 break
-            self._edges.append(bit + 1 if buttons >> bit & 1 else -bit - 1)
-            self._ticks.append(tick)
+            self._edges.add((bit + 1 if buttons >> bit & 1 else -bit - 1, tick))
             self._sent ^= 1 << bit
-        return len(self._edges) > before
+        return self._edges.number > before
 
     def acknowledge(self, count: int) -> None:
         """Forget the first `count` edges; a count that cannot be, or is an old one, changes nothing."""
-        if self._first < count <= self._first + len(self._edges):
-            for _ in range(count - self._first):
-                self._edges.popleft()
-                self._ticks.popleft()
-            self._first = count
+        self._edges.answered(count)
 
     def begin(self) -> None:
         """Begin a seat session, in which no button is down. What was not acknowledged counts as left out."""
-        if self._edges:
-            self._dropped[LEFT_OUT] += len(self._edges)
-        self._edges.clear()
-        self._ticks.clear()
-        self._first = self._buttons = self._sent = 0
+        if lost := self._edges.begin():
+            self._dropped[LEFT_OUT] += lost
+        self._buttons = self._sent = 0
 
     def message(self, tick: int, orientation: Quaternion | None, grip_m: float | None) -> Handle | None:
         """Return what is sent at a tick; None where there is nothing to say."""
-        if not self._edges:
-            return None if orientation is None and grip_m is None else Handle(self._first, (), (), orientation, grip_m)
-        ages = tuple([min(MOST_AGE, tick - then) for then in self._ticks])
-        return Handle(self._first, tuple(self._edges), ages, orientation, grip_m)
+        waiting = self._edges.waiting
+        first = self._edges.number - len(waiting)
+        if not waiting:
+            return None if orientation is None and grip_m is None else Handle(first, (), (), orientation, grip_m)
+        ages = tuple([min(MOST_AGE, tick - then) for _, (_, then) in waiting])
+        return Handle(first, tuple([edge for _, (edge, _) in waiting]), ages, orientation, grip_m)
 
 
 class EdgeReceiver:

@@ -5,7 +5,7 @@ nothing but it. Only the accounts of the last two messages hold free numbers: an
 no force is computed from them.
 """
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from struct import Struct
 from typing import Annotated, Literal
 
@@ -420,6 +420,7 @@ def pack_poses(poses: Sequence[tuple[int, Sequence[float]]]) -> bytes:
 
 Latest = State | Power  # frames of which the newest wins
 Frame = Waves | Latest  # what couplings send, one a frame
+FRAMES: Mapping[str, type[Frame]] = {each.__name__: each for each in (Waves, State, Power)}  # by `CouplingKind.frame`
 Observed = Person | Bodies | Geom | Mark | Effects | Note  # what observers are sent beside views
 AnyMessage = (
     Hello

@@ -1,10 +1,11 @@
 """Haptic effects of a room (docs/effects.md): those of its settings and of its world, and how a player is told of them."""
 
-from collections.abc import Sequence
+from collections.abc import Sequence, Set
 
 from cogrip.protocol.settings.effects import MOST_EFFECTS, Effect, EffectSection, checked_effect, moved, unfit_effect
 from cogrip.protocol.settings.sections import Settings
 from cogrip.protocol.wire.messages import Effects
+from cogrip.protocol.wire.reliable import Unanswered
 
 TOLD_HZ = 64  # messages a second while the client has not answered
 SLOW_AFTER_S = 2.0  # time without an answer after which messages come at `SLOW_HZ`: the client may not know effects
@@ -68,9 +69,8 @@ class EffectSender:
             int, tuple[int, Effect, Effect, int | None]
         ] = {}  # by id: number, as given, as told, last step
         self._over: dict[int, Effect] = {}  # by id: ended by themselves, or refused, and still given
-        self._known: set[int] = set()
-        self._number = self._version = 0
-        self._changed = self._turn = 0
+        self._unknown: Unanswered[Effect] = Unanswered()  # to the client, of those in `_told`
+        self._version = self._changed = self._turn = 0
         self._answered = True
         self.refused: list[str] = []
 
@@ -96,6 +96,7 @@ class EffectSender:
         if list(self._told) != before:
             self._version += 1
             self._changed, self._answered = step, False
+            self._forget_all_but({number for number, *_ in self._told.values()})
 
     def _add(self, given: Sequence[Effect], step: int) -> None:
         for effect in given:
@@ -109,17 +110,21 @@ class EffectSender:
                 self.refused.append(why)
                 self._over[id(effect)] = effect  # said once
                 continue
-            self._number += 1
             last = step + round((effect.seconds + KEPT_S) * self._hz) if effect.seconds else None
-            self._told[id(effect)] = self._number, effect, moved(effect, self._offset), last
+            told = moved(effect, self._offset)
+            self._told[id(effect)] = self._unknown.add(told), effect, told, last
+
+    def _forget_all_but(self, numbers: Set[int]) -> None:
+        for number, _ in list(self._unknown.waiting):
+            if number not in numbers:
+                self._unknown.answered_one(number)
 
     def receive(self, answer: Effects) -> bool:
         """Take in which effects the client knows; False where it cannot know them."""
         if answer.version > self._version or answer.effect is not None:
             return False
-        numbers = {number for number, *_ in self._told.values()}
-        self._known = (self._known | set(answer.numbers)) & numbers
-        self._answered = answer.version == self._version and self._known == numbers
+        self._forget_all_but({number for number, _ in self._unknown.waiting}.difference(answer.numbers))
+        self._answered = answer.version == self._version and not self._unknown.waiting
         return True
 
     def next(self, session: int, step: int) -> Effects | None:
@@ -127,9 +132,8 @@ class EffectSender:
         slow = step - self._changed > SLOW_AFTER_S * self._hz
         if self._answered or (step - self._changed) % (self._slow if slow else self._every):
             return None
-        told = [(number, effect) for number, _, effect, _ in self._told.values()]
-        numbers = tuple([number for number, _ in told])
-        left = [each for each in told if each[0] not in self._known]
+        numbers = tuple([number for number, *_ in self._told.values()])
+        left = self._unknown.waiting
         if not left:
             return Effects(session, self._version, numbers, self._tank_mj)
         self._turn += 1

@@ -71,7 +71,7 @@ class SeatSession(NamedTuple):
 
 
 class Seat(Participant):
-    """One person's seat. `state` changes by `protocol.session.SEAT` alone."""
+    """One person's seat. `state` changes by `protocol.wire.session.SEAT` alone."""
 
     def __init__(self, settings: SeatSettings, number: int = 0) -> None:
         super().__init__(number, settings.user)

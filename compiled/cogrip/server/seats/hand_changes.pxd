@@ -1,6 +1,5 @@
 cdef class HandChanges:
     cdef public object holds
-    cdef public long long number
     cdef public long long taken
     cdef public object wanted
     cdef public object _told
