@@ -27,6 +27,15 @@ def scene(bodies: str = FLOOR + BOX, option: str = "", default: str = "", rest: 
     return f"<mujoco>{options}<worldbody>{bodies}</worldbody>{rest}</mujoco>"
 
 
+def chain(joint: str, links: int, link_m: float = 0.1) -> str:
+    """Return links that hang on each other by these joints, from a height of 0.3 m."""
+    geom = f'<geom type="capsule" fromto="0 0 0 {link_m} 0 0" size=".01" mass=".1"/>'
+    text = ""
+    for _ in range(links):
+        text = f'<body pos="{link_m} 0 0">{joint}{geom}{text}</body>'
+    return scene(f'<body pos="0 0 .3">{text}</body>')
+
+
 def geoms(values: str, option: str = "") -> str:
     return scene(default=f"<geom {values}/>", option=option)
 
@@ -88,14 +97,19 @@ KINDS = {
         rest=f"<asset>{GROUND}</asset>",
     ),
     "soft body": scene(FLOOR + FLEX.format("4 4 4", 3, '<edge equality="true" damping="1"/><contact selfcollide="none"/>')),
+    "a top": scene('<body pos="0 0 .1"><joint type="ball"/><geom type="capsule" fromto="0 0 0 0 0 -.1" size=".003"/></body>'),
+    "double pendulum": chain('<joint axis="0 1 0"/>', 2),
+    "arm of three hinges": chain('<joint axis="0 1 0"/>', 3),
+    "two ball joints": chain('<joint type="ball"/>', 2),
+    "ragdoll": scene(
+        FLOOR + '<body pos="0 0 .1"><freejoint/><geom type="capsule" fromto="0 0 0 0 0 .1" size=".02" mass=".2"/>'
+        f'<body pos="0 0 .1"><joint type="ball"/>{SLIM}</body></body>'
+    ),
 }  # fmt: skip
+LINKED = ("a top", "double pendulum", "arm of three hinges", "two ball joints")
 WORSE = {
     "contacts found late": (geoms('margin=".0001"'), "leave geom margin out of the scene"),
-    "a top": (
-        scene('<body pos="0 0 .1"><joint name="pivot" type="ball"/><geom type="capsule" fromto="0 0 0 0 0 -.1" size=".01"/>'
-              "</body>"),
-        r"a body on a ball joint \(pivot\) gains energy as it spins: take hinges, or give it damping and armature",
-    ),
+    "four ball joints": (chain('<joint type="ball"/>', 4, 0.05), "raise object.substeps, or give its joints damping"),
 }  # fmt: skip
 
 
@@ -109,7 +123,7 @@ def settings_of(folder: Path, text: str, *tools: str, substeps: int = 4) -> Sett
 @pytest.mark.parametrize(
     ("name", "tools", "pushes"),
     [
-        *[(name, ("pad", "pad"), 12) for name in KINDS],
+        *[(name, ("pad", "pad"), 100 if name in LINKED else 12) for name in KINDS],
         *[long(name, tools, 100) for name in KINDS for tools in (("pad", "pad"), ("ball", "box"))],
     ],
 )
@@ -136,6 +150,11 @@ def test_a_cloth_that_makes_energy_makes_none_in_more_steps(tmp_path: Path) -> N
     )
     assert not pushed(settings_of(tmp_path, cloth, "pad", "pad", substeps=8), 40).refused
     assert MOST_MADE_J == 1e-3
+
+
+def test_a_chain_of_ball_joints_that_makes_energy_makes_none_in_more_steps(tmp_path: Path) -> None:
+    text = WORSE["four ball joints"][0]
+    assert not pushed(settings_of(tmp_path, text, "ball", "box", substeps=8)).refused
 
 
 def test_a_run_of_a_scene_that_makes_energy_by_its_own_contact_is_refused_before_it_begins(tmp_path: Path) -> None:

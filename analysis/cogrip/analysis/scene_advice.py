@@ -22,6 +22,7 @@ from cogrip.server.worlds.scene_file import CONTACT_RATE_PS2, Scene, scene_of_se
 from cogrip.server.worlds.scene_shapes import shapes_of
 from cogrip.server.worlds.scene_surfaces import MOST_SCENE_TRIANGLES
 from cogrip.server.worlds.scene_text import MOST_NAMED
+from cogrip.server.worlds.velocity_forces import linked_dofs
 
 
 def scene_findings(settings: Settings) -> list[Finding]:
@@ -40,6 +41,9 @@ def _contact(scene: Scene) -> Iterator[Finding]:
         yield Finding("contact", f"contact that creates no energy is set: {', '.join(scene.filled)}")
     if scene.changed:
         yield Finding("contact", changed_words(scene.changed), "note")
+    if len(linked_dofs(scene.model)):
+        text = "Coriolis and gyroscopic forces of linked bodies are taken at the middle of a step, where they do no work"
+        yield Finding("motion", text)
     for text in scene.unused:
         yield Finding("not used", text, "note")
     if scene.own:

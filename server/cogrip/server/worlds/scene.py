@@ -44,6 +44,7 @@ from cogrip.server.worlds.scene_script import RunningScript, ScriptedScene
 from cogrip.server.worlds.scene_shapes import shapes_of
 from cogrip.server.worlds.scene_state import SceneEnergy, check_memory, check_rates
 from cogrip.server.worlds.turning_ports import TurningPorts
+from cogrip.server.worlds.velocity_forces import VelocityForces
 from cogrip.server.worlds.warm_start import WarmStart
 from cogrip.server.worlds.world import Array, Row, World, WorldError, check_saved, dot
 
@@ -73,6 +74,7 @@ class SceneWorld(SceneMeasures):
         self._not_drawn = drawn.left_out
         self._energy = SceneEnergy(model)
         self._equalities, self._warm = EqualityRows(model), WarmStart(model)
+        self._forces = VelocityForces(model)
         super().__init__(seats)
         self.limiter = EnergyLimiter(self.frame_s)
         self.contacts = SceneContacts(scene, self.frame_s)
@@ -253,6 +255,7 @@ class SceneWorld(SceneMeasures):
         self.scene.start.begin(self.scene.model, self.data)
         self.contacts.forget()
         self._warm.forget()
+        self._forces.forget()
         if self._script is not None:
             self._script.reset()
         self.limiter = EnergyLimiter(self.frame_s)
@@ -364,8 +367,10 @@ class SceneWorld(SceneMeasures):
             data.efc_margin[:] = 0.0
             self._equalities.correct(data)
             self._warm.extrapolate(data)
+            self._forces.correct(data)
             mujoco.mj_step2(model, data)
             check_rates(model, data)
+            self._forces.follow(data)
             rate[:, :PLACES] = data.qvel[dofs]
             if turning:
                 rate[turning, PLACES:] = data.qvel[self.turning.dofs]
@@ -415,7 +420,8 @@ class SceneWorld(SceneMeasures):
         ledger = limiter.level_j, limiter.paid_j, float(limiter.limited), self.balance_error_j
         zero = self._zero.ravel().tolist()
         script = self._script.save() if self._script is not None else ()
-        return (*script, *self.turning.save(), *self._warm.save(), *self._state.tolist(), *seats, *zero, *ledger)
+        solver = *self._warm.save(), *self._forces.save()
+        return (*script, *self.turning.save(), *solver, *self._state.tolist(), *seats, *zero, *ledger)
 
     def restore(self, saved: Row) -> None:
         seats, physics = len(self.holding), self._state.size
@@ -424,7 +430,8 @@ class SceneWorld(SceneMeasures):
             self._script.restore(saved[:kept])
             saved = saved[kept:]
         turned = self.turning.saved_numbers
-        first = turned + self._warm.numbers
+        warm = turned + self._warm.numbers
+        first = warm + self._forces.numbers
         check_saved(saved, first + physics + 7 * seats + 4)
         state = np.array(saved[first:])
         holding, solid, work, work_error = state[physics : physics + 4 * seats].reshape(4, seats)
@@ -439,7 +446,8 @@ class SceneWorld(SceneMeasures):
             self._begin_at(user, zero)
         mujoco.mj_setState(self.scene.model, self.data, state[:physics], _STATE)
         self.turning.restore(saved[:turned])
-        self._warm.restore(saved[turned:first])
+        self._warm.restore(saved[turned:warm])
+        self._forces.restore(saved[warm:first])
         self.limiter.level_j, self.limiter.paid_j, limited, self.balance_error_j = saved[-4:]
         self.limiter.limited = int(limited)
         self.port_work, self._work_error = work, work_error
