@@ -5,6 +5,7 @@ from pathlib import Path
 
 import pytest
 
+from cogrip.analysis.scene_advice import scene_findings
 from cogrip.analysis.scene_pushed import pushed
 from cogrip.cli.settings.before_run import check_settings
 from cogrip.cli.terminal.problem import BadInput
@@ -109,6 +110,14 @@ KINDS = {
 LINKED = ("a top", "double pendulum", "arm of three hinges", "two ball joints")
 WORSE = {
     "contacts found late": (geoms('margin=".0001"'), "leave geom margin out of the scene"),
+    "a pin through two bodies": (
+        scene(
+            f'<body name="a" pos="0 0 .3"><joint axis="0 1 0"/>{SLIM}</body>'
+            f'<body name="b" pos=".1 0 .3"><freejoint/>{SLIM}</body>',
+            rest='<equality><connect body1="a" body2="b" anchor=".1 0 0"/></equality>',
+        ),
+        r'bodies a and b are 20 mm inside of each other as .* by <exclude body1="a" body2="b"/>',
+    ),
     "four ball joints": (chain('<joint type="ball"/>', 4, 0.05), "raise object.substeps, or give its joints damping"),
 }  # fmt: skip
 
@@ -138,7 +147,8 @@ def test_scenes_of_the_kinds_that_people_write_make_no_energy(
 @pytest.mark.parametrize("name", WORSE)
 def test_a_scene_that_makes_energy_is_refused_with_what_to_change(tmp_path: Path, name: str) -> None:
     text, cure = WORSE[name]
-    found = pushed(settings_of(tmp_path, text, "ball", "box"))
+    settings = settings_of(tmp_path, text, "ball" if name != "a pin through two bodies" else "pad", "box")
+    found = pushed(settings)
     assert found.refused
     assert found.text.startswith("in 100 random pushes ")
     assert re.search(cure, found.text)
@@ -165,3 +175,13 @@ def test_a_run_of_a_scene_that_makes_energy_by_its_own_contact_is_refused_before
         check_settings(late)
     check_settings(late, allow_unstable=True)
     check_settings(settings_of(tmp_path, KINDS["menagerie"], "pad", "pad"))
+
+
+def test_bodies_that_overlap_as_a_scene_begins_are_told_and_others_are_not(tmp_path: Path) -> None:
+    told = [
+        each.text for each in scene_findings(settings_of(tmp_path, WORSE["a pin through two bodies"][0], "pad", "pad"))
+    ]
+    assert sum("are 20 mm inside of each other" in text for text in told) == 1
+    assert not any(
+        "inside of each other" in each.text for each in scene_findings(settings_of(tmp_path, scene(), "pad", "pad"))
+    )

@@ -8,6 +8,7 @@ from cogrip.analysis.advice import gaps, overloads, unbounded
 from cogrip.analysis.finding import Finding, plain
 from cogrip.analysis.line_advice import free_tool, loop_s, press_n, pressed, stroke_s
 from cogrip.analysis.linear_session import seats_on_devices
+from cogrip.analysis.scene_overlaps import overlaps
 from cogrip.devices.for_user import make_for
 from cogrip.machine.addition import add_floats
 from cogrip.protocol.axes import GRIP_AXES
@@ -41,8 +42,15 @@ def _contact(scene: Scene) -> Iterator[Finding]:
         yield Finding("contact", f"contact that creates no energy is set: {', '.join(scene.filled)}")
     if scene.changed:
         yield Finding("contact", changed_words(scene.changed), "note")
+    inside = overlaps(scene)
+    for each in inside[:MOST_NAMED]:
+        yield Finding("contact", each.text, "note")
+    if len(inside) > MOST_NAMED:
+        yield Finding("contact", f"{len(inside) - MOST_NAMED} more pairs of bodies are inside of each other", "note")
     if len(linked_dofs(scene.model)):
-        text = "Coriolis and gyroscopic forces of linked bodies are taken at the middle of a step, where they do no work"
+        text = (
+            "Coriolis and gyroscopic forces of linked bodies are taken at the middle of a step, where they do no work"
+        )
         yield Finding("motion", text)
     for text in scene.unused:
         yield Finding("not used", text, "note")

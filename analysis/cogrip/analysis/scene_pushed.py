@@ -3,6 +3,7 @@
 import numpy as np
 
 from cogrip.analysis.finding import Finding, plain
+from cogrip.analysis.scene_overlaps import overlaps
 from cogrip.protocol.settings.room import seat_settings
 from cogrip.protocol.settings.sections import Settings
 from cogrip.server.worlds.scene import SceneWorld
@@ -47,4 +48,6 @@ def _cure(scene: Scene) -> str:
     """Return what to change in a scene that makes energy."""
     if scene.own:
         return f"leave {', '.join(scene.own)} out of the scene"
+    if inside := overlaps(scene):
+        return inside[0].text
     return "raise object.substeps, or give its joints damping"
