@@ -213,6 +213,17 @@ def test_check_of_a_scene_that_cannot_be_used_says_why(cogrip: Cogrip, folder: P
     assert (answer["usable"], [row["topic"] for row in answer["rows"]]) == (False, ["loads"])
 
 
+def test_check_names_the_command_that_reads_what_lies_outside_of_a_scenes_folder(cogrip: Cogrip, folder: Path) -> None:
+    (folder / "scene").mkdir()
+    (folder / "part.xml").write_text(DRAWER.format(more=""))
+    (folder / "scene" / "scene.xml").write_text('<mujoco><include file="../part.xml"/></mujoco>')
+    answer = cogrip.answer("worlds check scene/scene.xml", code=1)
+    assert [(row["topic"], row["level"]) for row in answer["rows"]] == [("loads", "refused"), ("to load it", "note")]
+    command = answer["rows"][1]["text"].split("`")[1]
+    assert command == f"cogrip worlds check {folder}/scene/scene.xml --set object.folder={folder}"
+    assert cogrip.answer(command.removeprefix("cogrip "))["usable"] is True
+
+
 CLOTH = """<mujoco><worldbody>
 <flexcomp name="cloth" type="grid" count="6 6 1" spacing=".02 .02 .02" pos="0 0 .1" dim="2" radius=".002" mass=".05">
 <pin id="0 5 30 35"/><edge equality="true"/></flexcomp>

@@ -109,6 +109,7 @@ LARGEST: dict[str, messages.AnyMessage] = {
     "edges": messages.Edges(BIG, STAMP, HANDLE),
     "redirect": messages.Redirect(MOST, BIG, "p" * 60, ("f" * 60,) * messages.MOST_FRONTS),
     "restart": messages.Restart(BIG, messages.MOST_WAIT_MS),
+    "note": messages.Note(BIG, messages.MOST_NOTES, messages.MOST_NOTES - 1, "n" * TEXT_BYTES),
 }
 
 short_texts = st.text(max_size=40)
@@ -248,7 +249,7 @@ def test_the_largest_legal_messages_are_read_and_fit_a_datagram_when_they_are_en
     assert largest == {
         "hello": 964, "welcome": 1022, "refuse": 485, "waves": 1187, "state": 303, "power": 468, "heartbeat": 39, "leave": 1193,
         "farewell": 767, "view": 1008, "person": 424, "bodies": 1193, "geom": 1158, "mark": 122, "set hand": 123,
-        "effects": 702, "edges": 161, "redirect": 579, "restart": 16,
+        "effects": 702, "edges": 161, "redirect": 579, "restart": 16, "note": 316,
     }  # fmt: skip
     proxied = msgspec.structs.replace(LARGEST["waves"], waves=(0.1,) * 72, state=(0.1,) * 18)
     assert len(encode(proxied)) == 1162, "of local contact with 6 axes, R = 12"

@@ -10,6 +10,7 @@ import pytest
 
 from cogrip.protocol.drawing import Shape
 from cogrip.protocol.settings.effects import MOST_EFFECTS, Effect
+from cogrip.protocol.texts import TEXT_BYTES
 from cogrip.server.io import call_limit
 from cogrip.server.worlds.energy_limiter import START_J
 from cogrip.server.worlds.grip import GripWorld
@@ -116,6 +117,12 @@ def test_a_world_that_cannot_be_made_says_why(world: type[ToolWorld], words: str
     with pytest.raises(WorldError, match=words) as caught:
         guarded(world)
     assert str(caught.value).startswith(KIND)
+
+
+def test_what_a_world_says_it_does_not_draw_is_told_to_who_looks_at_it() -> None:
+    world = guarded(type("Dim", (Springs,), {"not_drawn": lambda self: ["the strings", "x" * 500]}))
+    assert world.not_drawn() == ("the strings", "x" * TEXT_BYTES)
+    assert world.notes()[0].startswith("not drawn of the scene: the strings, xxx")
 
 
 # Energy ----------------------------------------------------------------------------------------------------------------

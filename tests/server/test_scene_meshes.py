@@ -211,16 +211,17 @@ def test_a_mesh_rests_on_the_floor_and_makes_no_energy(tmp_path: Path) -> None:
     assert np.abs(world.velocity).max() < 1e-3
 
 
-OUTSIDE = "is outside of the scene's folder; put it beside the scene, or below"
+OUTSIDE = "is outside of the scene's folder; put it beside the scene, or below, or set object.folder = "
+ABSOLUTE = "is an absolute path; put it beside the scene, or below, and name it from there"
 
 
 @pytest.mark.parametrize(
     ("file", "compiler", "words"),
     [
         ("../brick.obj", "", OUTSIDE),
-        ("/etc/brick.obj", "", OUTSIDE),
+        ("/etc/brick.obj", "", ABSOLUTE),
         ("brick.obj", '<compiler meshdir=".."/>', OUTSIDE),
-        ("brick.obj", '<compiler assetdir="/tmp"/>', OUTSIDE),
+        ("brick.obj", '<compiler assetdir="/tmp"/>', ABSOLUTE),
         ("link.obj", "", OUTSIDE),
         ("none.obj", "", r"scene.xml: mesh 'none.obj': there is no such file"),
         ("folder.obj", "", r"mesh 'folder.obj': is no regular file"),

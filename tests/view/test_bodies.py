@@ -88,6 +88,25 @@ def test_a_live_scene_is_drawn_of_its_bodies() -> None:
     assert with_bodies[-1].orientation == with_bodies[-1].bodies[0][3:]
 
 
+LIT = """<mujoco><option integrator="Euler"/><worldbody><light pos="0 0 1"/><geom type="plane" size="1 1 .1"/>
+<body name="box" pos="0 0 .03"><freejoint/><geom type="box" size=".03 .03 .03" mass=".2"/></body></worldbody></mujoco>"""
+LIT_TOLD = (
+    "not drawn of the scene: lights (a view has its own), nor are haze, fog and shadows",
+    "the scene sets integrator (euler > discrete), which does not hold: contact that creates no energy is stepped otherwise",
+)
+
+
+@pytest.mark.parametrize("scene", [LIT, ""])
+def test_who_looks_at_a_live_scene_is_told_what_is_not_drawn_and_what_was_changed(tmp_path: Path, scene: str) -> None:
+    tables: dict[str, Any] = {"seconds": 2.0}
+    if scene:
+        (tmp_path / "lit.xml").write_text(scene)
+        tables["object"] = {"kind": "scene", "file": str(tmp_path / "lit.xml"), "axes": 3}
+    live = Watched(**tables).run().live
+    assert live is not None
+    assert live.scene.note == (" ".join(f"{text[0].upper()}{text[1:]}." for text in LIT_TOLD) if scene else "")
+
+
 @pytest.fixture(scope="module")
 def lift_run(tmp_path_factory: pytest.TempPathFactory) -> Path:
     folder = tmp_path_factory.mktemp("runs") / "lift"

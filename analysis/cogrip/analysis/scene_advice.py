@@ -8,10 +8,12 @@ from cogrip.analysis.advice import gaps, overloads, unbounded
 from cogrip.analysis.finding import Finding, plain
 from cogrip.analysis.line_advice import free_tool, loop_s, press_n, pressed, stroke_s
 from cogrip.analysis.linear_session import seats_on_devices
+from cogrip.analysis.scene_overlaps import overlaps
 from cogrip.devices.for_user import make_for
 from cogrip.machine.addition import add_floats
 from cogrip.protocol.axes import GRIP_AXES
 from cogrip.protocol.laws.felt_stiffness import felt_stiffness
+from cogrip.protocol.scene_words import changed_words, left_out_words
 from cogrip.protocol.settings.delays import line_delay
 from cogrip.protocol.settings.room import seat_axes
 from cogrip.protocol.settings.seat import SeatSettings
@@ -21,6 +23,7 @@ from cogrip.server.worlds.scene_file import CONTACT_RATE_PS2, Scene, scene_of_se
 from cogrip.server.worlds.scene_shapes import shapes_of
 from cogrip.server.worlds.scene_surfaces import MOST_SCENE_TRIANGLES
 from cogrip.server.worlds.scene_text import MOST_NAMED
+from cogrip.server.worlds.velocity_forces import linked_dofs
 
 
 def scene_findings(settings: Settings) -> list[Finding]:
@@ -38,9 +41,17 @@ def _contact(scene: Scene) -> Iterator[Finding]:
     if scene.filled:
         yield Finding("contact", f"contact that creates no energy is set: {', '.join(scene.filled)}")
     if scene.changed:
-        sets = ", ".join(scene.changed)
-        text = f"the scene sets {sets}, which does not hold: contact that creates no energy is stepped otherwise"
-        yield Finding("contact", text, "note")
+        yield Finding("contact", changed_words(scene.changed), "note")
+    inside = overlaps(scene)
+    for each in inside[:MOST_NAMED]:
+        yield Finding("contact", each.text, "note")
+    if len(inside) > MOST_NAMED:
+        yield Finding("contact", f"{len(inside) - MOST_NAMED} more pairs of bodies are inside of each other", "note")
+    if len(linked_dofs(scene.model)):
+        text = (
+            "Coriolis and gyroscopic forces of linked bodies are taken at the middle of a step, where they do no work"
+        )
+        yield Finding("motion", text)
     for text in scene.unused:
         yield Finding("not used", text, "note")
     if scene.own:
@@ -63,7 +74,7 @@ def _drawn(scene: Scene) -> Iterator[Finding]:
             )
             yield Finding("drawn", text, "note")
     if drawn.left_out:
-        yield Finding("drawn", f"not drawn: {', '.join(drawn.left_out)}, nor are haze, fog and shadows", "note")
+        yield Finding("drawn", left_out_words(drawn.left_out), "note")
 
 
 def _local(settings: Settings, scene: Scene, seat: SeatSettings) -> Iterator[Finding]:
@@ -87,15 +98,21 @@ def _local(settings: Settings, scene: Scene, seat: SeatSettings) -> Iterator[Fin
         yield Finding("local", text, "note")
 
 
+def felt_npm(scene: Scene, seat: SeatSettings) -> float:
+    """Return the stiffness with which a hand feels a fixed body at rest [N/m] (theory 8.4)."""
+    tool_kg, b = float(scene.model.body_mass[scene.tools[seat.seat].body]), seat.coupling.impedance_nspm
+    contact_npm = CONTACT_RATE_PS2 * (tool_kg + b * float(scene.model.opt.timestep))
+    return felt_stiffness(contact_npm, seat.line_compliance(_loop_frames(seat)))
+
+
 def _felt(settings: Settings, scene: Scene, seat: SeatSettings) -> Iterator[Finding]:
     """Yield the stiffness and the mass that a hand feels (theory 8.4), and whether its task is too much for them."""
     tool_kg, b = float(scene.model.body_mass[scene.tools[seat.seat].body]), seat.coupling.impedance_nspm
-    contact_npm = CONTACT_RATE_PS2 * (tool_kg + b * float(scene.model.opt.timestep))
-    felt_npm = felt_stiffness(contact_npm, seat.line_compliance(_loop_frames(seat)))
+    fixed_npm = felt_npm(scene, seat)
     own = "" if "geom solref" not in scene.own else " where contact is as hard as by default"
     user = settings.users[seat.seat]
-    level, words = pressed(felt_npm, press_n(user))
-    text = f"{seat.user}: a fixed body is felt with {plain(felt_npm)} N/m at rest{own}: {words}"
+    level, words = pressed(fixed_npm, press_n(user))
+    text = f"{seat.user}: a fixed body is felt with {plain(fixed_npm)} N/m at rest{own}: {words}"
     yield Finding("felt", text, level)
     yield free_tool(seat.user, "tool", tool_kg + _line_kg(seat, b), tool_kg, loop_s(seat), stroke_s(user))
 

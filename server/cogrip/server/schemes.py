@@ -71,10 +71,14 @@ def make_world(seats: Sequence[SeatSettings]) -> World:
 
 
 def make_scene_world(settings: Settings, seats: Sequence[SeatSettings]) -> World:
-    """Return the world of a scene. Raises SceneError for a file that cannot be used, and where there is no MuJoCo."""
+    """Return the world of a scene, run by its script where there is one.
+
+    Raises SceneError for a file that cannot be used, and where there is no MuJoCo; WorldKindError, WorldError for a script.
+    """
     module, name = SCHEMES[settings.coupling.kind].scene
     try:  # MuJoCo is loaded where there is a scene
         scene_file = import_module("cogrip.server.worlds.scene_file")
+        scene_script = import_module("cogrip.server.worlds.scene_script")
         make: type[SceneWorld] = getattr(import_module(f"cogrip.server.worlds.{module}"), name)
     except ModuleNotFoundError as error:
         if error.name != "mujoco":
@@ -83,8 +87,12 @@ def make_scene_world(settings: Settings, seats: Sequence[SeatSettings]) -> World
             "a scene needs the package mujoco-core, which is not installed; pip install mujoco-core, on a system "
             "that it has a wheel for (docs/platforms.md), or take another object.kind"
         ) from None
-    world = make(seats, scene_file.scene_of_settings(settings, seats[0].rates.frame_s), settings.object.substeps)
+    given = settings.object
+    script, identity = scene_script.script_of(given.script) if given.script else (None, "")
+    world = make(seats, scene_file.scene_of_settings(settings, seats[0].rates.frame_s, identity), given.substeps)
     world.watch(settings.task)
+    if script is not None:
+        world.follow(script)
     return world
 
 

@@ -21,7 +21,8 @@ def files_read(settings: Settings) -> dict[str, str]:
     """Return the SHA-256 of each file's content, by its path as in the settings."""
     kind = settings.object.kind
     world = split_python(kind)[0] if kind.startswith(PYTHON) else ""
-    paths = {settings.link.trace_of(direction) for direction in ("up", "down")} | {settings.object.file, world}
+    script = split_python(settings.object.script)[0] if settings.object.script else ""
+    paths = {settings.link.trace_of(direction) for direction in ("up", "down")} | {settings.object.file, world, script}
     paths -= {""}
     found = {path: _digest(Path(path)) for path in paths}
     if settings.object.file:

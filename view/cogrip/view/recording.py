@@ -22,6 +22,7 @@ from cogrip.protocol.foreign_file import ForeignFileError
 from cogrip.protocol.recording.derived import offset_of
 from cogrip.protocol.recording.reader import RecordingError
 from cogrip.protocol.recording.records import Geoms, Number, Poses, Row, SeatStep, Step, Tick
+from cogrip.protocol.scene_words import as_sentence, left_out_words
 from cogrip.protocol.session_drawing import LEAST_DRAWN_N, anchors_m, object_size_m
 from cogrip.protocol.settings.effects import drawn_effect
 from cogrip.protocol.settings.sections import Settings
@@ -118,7 +119,7 @@ class RecordedView:
         self._offsets: list[tuple[float, Row]] = []  # of seats' own frames from the object's, each from a time on
         self._geoms, self._first_poses = self._find_bodies()
         if self._geoms.left_out:
-            self._notes.append(f"Not drawn of the scene: {', '.join(self._geoms.left_out)}.")
+            self._notes.append(as_sentence(left_out_words(self._geoms.left_out)))
         self.scene = self._make_scene(self._settings or Settings(), next(iter(self._clients.values()), None))
         self.frames = lru_cache(maxsize=3)(self._frames)
 

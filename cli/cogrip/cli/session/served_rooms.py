@@ -10,7 +10,7 @@ from typing import Literal
 import msgspec
 
 from cogrip.cli.session.network_rate import RateChoices
-from cogrip.cli.settings.before_run import scene_warnings, together
+from cogrip.cli.settings.before_run import scene_notes, scene_warnings, together
 from cogrip.cli.settings.settings_file import load
 from cogrip.cli.terminal.problem import BadInput, within
 from cogrip.devices.device import DeviceError
@@ -99,7 +99,8 @@ def warn_of(rooms: Sequence[Settings], bound: tuple[str, int], encrypted: bool, 
             advised[key] = _advice_on(settings)
         people = [user.name for user in settings.users]
         lines += [f"warning: room {settings.name}: {text}" for text in together(advised[key], people)]
-        for line in lines:
+        notes = [f"note: room {settings.name}: {text}" for text in scene_notes(settings)]
+        for line in (*lines, *notes):
             say(line)
     return told
 

@@ -19,7 +19,7 @@ def unfit_object(settings: Settings, compensated: Sequence[str]) -> str:
         return f'object.kind = "{given.kind}": {why}'
     if given.kind != "scene":
         users = list(enumerate(settings.users))
-        own = [(f"object.{key}", getattr(given, key)) for key in ("file", "folder", "keyframe", "ctrl")]
+        own = [(f"object.{key}", getattr(given, key)) for key in ("file", "folder", "script", "keyframe", "ctrl")]
         own += [(f"users.{n}.tool", user.tool) for n, user in users]
         own += [(f"users.{n}.orientation", user.orientation) for n, user in users]
         for key, value in own:

@@ -54,6 +54,7 @@ class ObjectSection(Object, frozen=True, forbid_unknown_fields=True):
     kind: LocalKindText = "cube"
     file: str = ""  # path of an MJCF or URDF file; made absolute where settings are loaded
     folder: str = ""  # folder outside of which no file of a scene is read, absolute as `file`; "" the folder of `file`
+    script: str = ""  # "python:FILE.py:CLASS", absolute as `kind`, that sets controls and moves mocap bodies of a scene
     keyframe: str = ""  # keyframe in which a scene begins; "" as its bodies stand
     ctrl: tuple[float, ...] = ()  # constant control of each actuator of a scene; () as the keyframe has it, else 0
     substeps: Annotated[int, msgspec.Meta(ge=1, le=64)] = 4

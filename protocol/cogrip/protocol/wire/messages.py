@@ -34,6 +34,7 @@ from cogrip.protocol.texts import TEXT_BYTES, clipped
 from cogrip.protocol.wire.accounts import ClientAccount, RoomAccount, SeatAccount
 from cogrip.protocol.wire.handle import Buttons, EdgeCount, Handle, Opening, Quaternion, is_unit
 
+MOST_NOTES = 8  # most sentences about a room's world that observers are told
 MOST_WAIT_MS = 600_000  # longest wait for a server that restarts
 PROTOCOL_VERSION = 8
 MAGIC: Literal["cogrip"] = "cogrip"
@@ -403,6 +404,15 @@ class Restart(Message, frozen=True, tag=19):
     wait_ms: Annotated[int, msgspec.Meta(ge=0, le=MOST_WAIT_MS)]
 
 
+class Note(Message, frozen=True, tag=20):
+    """A sentence for an observer about the room's world: what is not drawn of it, or was changed of it."""
+
+    session: Session
+    count: Annotated[int, msgspec.Meta(ge=1, le=MOST_NOTES)]  # number of sentences of the room
+    number: Annotated[int, msgspec.Meta(ge=0, le=MOST_NOTES - 1)]  # number of this one, from 0
+    text: Annotated[str, msgspec.Meta(max_length=TEXT_BYTES)]
+
+
 def pack_poses(poses: Sequence[tuple[int, Sequence[float]]]) -> bytes:
     """Return the records of a `Bodies`."""
     return b"".join([_POSE.pack(body, *pose) for body, pose in poses])
@@ -411,7 +421,7 @@ def pack_poses(poses: Sequence[tuple[int, Sequence[float]]]) -> bytes:
 Latest = State | Power  # frames of which the newest wins
 Frame = Waves | Latest  # what couplings send, one a frame
 FRAMES: Mapping[str, type[Frame]] = {each.__name__: each for each in (Waves, State, Power)}  # by `CouplingKind.frame`
-Observed = Person | Bodies | Geom | Mark | Effects  # what observers are sent beside views
+Observed = Person | Bodies | Geom | Mark | Effects | Note  # what observers are sent beside views
 AnyMessage = (
     Hello
     | Welcome

@@ -48,7 +48,7 @@ IN_ORDER = "the server was stopped"  # beginning of the farewell of a server tha
 
 MOST_REDIRECTS = 4  # most redirects in a row
 
-FOR_OBSERVERS = (View, messages.Person, messages.Bodies)
+FOR_OBSERVERS = (View, messages.Person, messages.Bodies, messages.Note)
 """Messages for observers, as a tuple: a union would be made for every datagram."""
 ANSWERS, NOT_OF_A_SESSION = (Welcome, Refuse), (Hello, Leave, messages.Edges, Redirect)
 FOR_CLIENTS = (messages.Waves, messages.State, messages.Power, messages.SetHand, *FOR_OBSERVERS)

@@ -34,7 +34,6 @@ from cogrip.server.io.udp_socket import DatagramSocket, ServerChannel, UdpRange,
 from cogrip.server.rate_limit import Buckets, Budget
 from cogrip.server.recorder import WHO, RecordedServer
 from cogrip.server.room import Room
-from cogrip.server.worlds.guarded import GuardedWorld
 
 FLOOR_BYTES = 500_000_000
 """Free bytes of a disk that recordings leave: a server's key, tokens and checkpoints are to have room."""
@@ -104,8 +103,7 @@ class LiveServer:
         )
         self.core = RecordedServer(self.rooms, VERSION, services)
         for room in self.core.rooms:
-            if isinstance(room.world, GuardedWorld):
-                room.world.time_limit = call_limit
+            room.world.limit_calls(call_limit)
         try:
             self.channel = self.open_channel(self.core)
         except BaseException:  # there is no usable key

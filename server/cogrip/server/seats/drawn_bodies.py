@@ -1,17 +1,21 @@
-"""Messages to observers about a scene's bodies with each view: poses, of those that moved first, and shapes, all in turn."""
+"""Messages to observers about a world with each view: poses of a scene's bodies, of those that moved first, shapes, all in
+turn, and notes, one every NOTE_EVERY views.
+"""
 
 import math
 
 import numpy as np
 
 from cogrip.protocol.drawing import MOST_SHAPES, UNTURNED
-from cogrip.protocol.wire.messages import MOST_POSES, Bodies, Geom, pack_poses
+from cogrip.protocol.texts import clipped, shown
+from cogrip.protocol.wire.messages import MOST_NOTES, MOST_POSES, Bodies, Geom, Note, pack_poses
 from cogrip.server.worlds.world import Array, World
 
 MOVED_M = 1e-4
 MOVED_DEG = 0.1
 BODIES_AT_REST = 8  # number of poses of a view that are told though they did not change
 SHAPES_A_VIEW = 8  # most shapes that are told with one view
+NOTE_EVERY = 32  # number of views from one note to the next
 VIEWS_A_TURN = 16  # views in which all shapes are told once, where they are few enough
 _TURNED_COS = math.cos(math.radians(0.5 * MOVED_DEG))  # cosine of half the angle MOVED_DEG, as in a quaternion
 _MOST_M = 1e3
@@ -21,12 +25,22 @@ class DrawnBodies:
     """One for a room: every observer is told the same. Nothing for a world without shapes."""
 
     def __init__(self) -> None:
-        self._turn = self._view = 0
+        self._turn = self._view = self._noted = 0
         self._told = np.zeros((0, 7))  # poses as last told
         self._told_view = np.zeros(0, dtype=np.int64)  # when that was
 
-    def messages(self, step: int, world: World) -> list[Bodies | Geom]:
+    def messages(self, step: int, world: World) -> list[Bodies | Geom | Note]:
         """Return what is told with a view; the session is the observer's, to be put in."""
+        return [*self._drawn(step, world), *self._notes(world)]
+
+    def _notes(self, world: World) -> list[Note]:
+        self._noted += 1
+        if self._noted % NOTE_EVERY or not (notes := world.notes()[:MOST_NOTES]):
+            return []
+        number = self._noted // NOTE_EVERY % len(notes)
+        return [Note(1, len(notes), number, clipped(shown(notes[number])))]
+
+    def _drawn(self, step: int, world: World) -> list[Bodies | Geom]:
         shapes = world.geoms()
         if not shapes:
             return []

@@ -20,7 +20,7 @@ from cogrip.protocol.drawing import MOST_SHAPES, Shape
 from cogrip.protocol.laws.rotations import exp
 from cogrip.protocol.settings.effects import MOST_EFFECTS, Effect
 from cogrip.protocol.settings.seat import SeatSettings
-from cogrip.protocol.texts import shown
+from cogrip.protocol.texts import MOST_NAMED, clipped, shown
 from cogrip.server.worlds.energy_limiter import EnergyLimiter
 from cogrip.server.worlds.orientation_drift import DriftCorrection
 from cogrip.server.worlds.world import REACH_M, Array, Row, World, WorldError, dot
@@ -41,6 +41,25 @@ class TooLongError(BaseException):
     """A call of the world takes too long. No `except Exception` in the world keeps it from getting here."""
 
 
+@contextmanager
+def called(name: str, verb: str, time_limit: Callable[[], AbstractContextManager[None]]) -> Iterator[None]:
+    """Make a WorldError with the name of another author's code of whatever is raised inside."""
+    try:
+        with time_limit():
+            yield
+    except TooLongError:
+        failed = f"{name}: takes too long in {verb}"
+    except WorldError as error:
+        failed = f"{name}: {error}"
+    except KeyboardInterrupt:
+        raise
+    except BaseException as error:  # noqa: BLE001 (it is another author's, and may call sys.exit)
+        failed = f"{name}: {error_line(error)} in {verb}"
+    else:
+        return
+    raise WorldError(failed)
+
+
 class GuardedWorld(World):
     """A world of another author. kind: as in the settings, for errors; identity: its code, which a checkpoint must share.
 
@@ -57,6 +76,7 @@ class GuardedWorld(World):
         self._where = self._place = np.zeros(self.axes)
         self._proxies = np.zeros(self._shape)
         self._shapes: tuple[Shape, ...] = ()
+        self._not_drawn: tuple[str, ...] = ()
         self._bodies, self._energy = 0, 0.0
         with self._named("its constructor"):
             self.inner = make()
@@ -76,6 +96,7 @@ class GuardedWorld(World):
         if len(shapes) > MOST_SHAPES:
             raise WorldError(f"has {len(shapes)} shapes, more than {MOST_SHAPES}")
         self._shapes = msgspec.convert(msgspec.to_builtins(shapes), tuple[Shape, ...])
+        self._not_drawn = tuple(clipped(str(words)) for words in tuple(inner.not_drawn())[:MOST_NAMED])
         self._bodies = 1 + max((body for shape in self._shapes for body in shape.bodies), default=-1)
 
     # Calls of the world
@@ -84,18 +105,14 @@ class GuardedWorld(World):
     def _named(self, verb: str) -> Iterator[None]:
         """Make a WorldError with the world's name of whatever is raised inside; the world has failed then."""
         try:
-            with self.time_limit():
+            with called(self.kind, verb, self.time_limit):
                 yield
-        except TooLongError:
-            self.failed = f"{self.kind}: takes too long in {verb}"
         except WorldError as error:
-            self.failed = f"{self.kind}: {error}"
-        except KeyboardInterrupt:
+            self.failed = str(error)
             raise
-        except BaseException as error:  # noqa: BLE001 (it is another author's, and may call sys.exit)
-            self.failed = f"{self.kind}: {error_line(error)} in {verb}"
-        if self.failed:
-            raise WorldError(self.failed)
+
+    def limit_calls(self, limit: Callable[[], AbstractContextManager[None]]) -> None:
+        self.time_limit = limit
 
     def _try(self, verb: str, call: Callable[[], T], otherwise: T) -> T:
         """Return what a call gives, or `otherwise` where it fails or the world has failed: the next step will say so."""
@@ -238,6 +255,9 @@ class GuardedWorld(World):
 
     def geoms(self) -> Sequence[Shape]:
         return self._shapes
+
+    def not_drawn(self) -> Sequence[str]:
+        return self._not_drawn
 
     def poses_of_bodies(self) -> Array:
         still = np.tile([0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0], (self._bodies, 1))

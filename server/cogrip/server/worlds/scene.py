@@ -18,8 +18,10 @@ In a step a contact within reach counts by the sign of its force, not of its dep
 Data are kept as after `mj_step1`: places, energies and contacts are those of the present state.
 """
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
+from contextlib import AbstractContextManager
 from math import isfinite
+from typing import Any
 
 import mujoco  # type: ignore[import-untyped]
 import numpy as np
@@ -27,6 +29,7 @@ import numpy as np
 from cogrip.protocol.axes import GRIP_AXES, PLACES
 from cogrip.protocol.drawing import UNTURNED, Shape
 from cogrip.protocol.laws.rotations import log
+from cogrip.protocol.scene_words import changed_words, unused_words
 from cogrip.protocol.settings.seat import SeatSettings
 from cogrip.server.worlds.energy_limiter import EnergyLimiter
 from cogrip.server.worlds.equality_rows import EqualityRows
@@ -37,9 +40,11 @@ from cogrip.server.worlds.scene_file import Scene
 from cogrip.server.worlds.scene_grips import grip_of
 from cogrip.server.worlds.scene_measures import SceneMeasures
 from cogrip.server.worlds.scene_object import SceneObject
+from cogrip.server.worlds.scene_script import RunningScript, ScriptedScene
 from cogrip.server.worlds.scene_shapes import shapes_of
 from cogrip.server.worlds.scene_state import SceneEnergy, check_memory, check_rates
 from cogrip.server.worlds.turning_ports import TurningPorts
+from cogrip.server.worlds.velocity_forces import VelocityForces
 from cogrip.server.worlds.warm_start import WarmStart
 from cogrip.server.worlds.world import Array, Row, World, WorldError, check_saved, dot
 
@@ -69,6 +74,7 @@ class SceneWorld(SceneMeasures):
         self._not_drawn = drawn.left_out
         self._energy = SceneEnergy(model)
         self._equalities, self._warm = EqualityRows(model), WarmStart(model)
+        self._forces = VelocityForces(model)
         super().__init__(seats)
         self.limiter = EnergyLimiter(self.frame_s)
         self.contacts = SceneContacts(scene, self.frame_s)
@@ -88,9 +94,30 @@ class SceneWorld(SceneMeasures):
         self._from_object = self.object.start - start  # to a hand's own frame, as long as _zero is as it is now
         self.offset[:, :PLACES] = self._from_object
         self._state = np.zeros(mujoco.mj_stateSize(model, _STATE))
+        self._script: RunningScript | None = None
+        self._scripted = ScriptedScene(model, self.data, scene.sensors, self.frame_s)
         for user in range(len(seats)):
             self._park(user)
         self._refresh()
+
+    def follow(self, script: RunningScript) -> None:
+        """Let a script set controls and move mocap bodies, before each step."""
+        self._script = script
+
+    def scene_account(self) -> dict[str, Any]:
+        told = super().scene_account()
+        return told if self._script is None else told | {"mocap_slowed": self._scripted.slowed}
+
+    def limit_calls(self, limit: Callable[[], AbstractContextManager[None]]) -> None:
+        if self._script is not None:
+            self._script.time_limit = limit
+
+    def _call_script(self, script: RunningScript) -> None:
+        try:
+            script.frame(self._scripted)
+        except WorldError as error:
+            self.failed = str(error)  # it is not called again
+            raise
 
     # Motion of the object
 
@@ -146,6 +173,11 @@ class SceneWorld(SceneMeasures):
 
     def not_drawn(self) -> Sequence[str]:
         return self._not_drawn
+
+    def notes(self) -> Sequence[str]:
+        scene = self.scene
+        told = ((scene.changed, changed_words), (scene.unused, unused_words))
+        return (*super().notes(), *(say(words) for words, say in told if words))
 
     def poses_of_bodies(self) -> Array:
         places = np.concatenate((self.data.xpos[self._drawn], self._points.places(self.data)))
@@ -223,6 +255,9 @@ class SceneWorld(SceneMeasures):
         self.scene.start.begin(self.scene.model, self.data)
         self.contacts.forget()
         self._warm.forget()
+        self._forces.forget()
+        if self._script is not None:
+            self._script.reset()
         self.limiter = EnergyLimiter(self.frame_s)
         for user in range(len(self.holding)):
             self._park(user)
@@ -325,13 +360,17 @@ class SceneWorld(SceneMeasures):
         grippers = self.openings.users
         if grippers:
             data.qfrc_applied[self.openings.dofs] = force[grippers, PLACES]
+        if self._script is not None:
+            self._call_script(self._script)
         rates = np.zeros((self.substeps, *force.shape))
         for number, rate in enumerate(rates, 1):
             data.efc_margin[:] = 0.0
             self._equalities.correct(data)
             self._warm.extrapolate(data)
+            self._forces.correct(data)
             mujoco.mj_step2(model, data)
             check_rates(model, data)
+            self._forces.follow(data)
             rate[:, :PLACES] = data.qvel[dofs]
             if turning:
                 rate[turning, PLACES:] = data.qvel[self.turning.dofs]
@@ -339,6 +378,8 @@ class SceneWorld(SceneMeasures):
                 rate[grippers, PLACES] = data.qvel[self.openings.dofs]
             if number == self.substeps:
                 self.contacts.read(data)
+            if self._script is not None:
+                self._scripted.move(number / self.substeps)
             mujoco.mj_step1(model, data)
         check_memory(data)
         self.departed += self._free_bodies.departed(data)
@@ -378,12 +419,19 @@ class SceneWorld(SceneMeasures):
         seats = np.concatenate((self.holding, self.solid, self.port_work, self._work_error)).tolist()
         ledger = limiter.level_j, limiter.paid_j, float(limiter.limited), self.balance_error_j
         zero = self._zero.ravel().tolist()
-        return (*self.turning.save(), *self._warm.save(), *self._state.tolist(), *seats, *zero, *ledger)
+        script = self._script.save() if self._script is not None else ()
+        solver = *self._warm.save(), *self._forces.save()
+        return (*script, *self.turning.save(), *solver, *self._state.tolist(), *seats, *zero, *ledger)
 
     def restore(self, saved: Row) -> None:
         seats, physics = len(self.holding), self._state.size
+        if self._script is not None:
+            kept = self._script.numbers
+            self._script.restore(saved[:kept])
+            saved = saved[kept:]
         turned = self.turning.saved_numbers
-        first = turned + self._warm.numbers
+        warm = turned + self._warm.numbers
+        first = warm + self._forces.numbers
         check_saved(saved, first + physics + 7 * seats + 4)
         state = np.array(saved[first:])
         holding, solid, work, work_error = state[physics : physics + 4 * seats].reshape(4, seats)
@@ -398,7 +446,8 @@ class SceneWorld(SceneMeasures):
             self._begin_at(user, zero)
         mujoco.mj_setState(self.scene.model, self.data, state[:physics], _STATE)
         self.turning.restore(saved[:turned])
-        self._warm.restore(saved[turned:first])
+        self._warm.restore(saved[turned:warm])
+        self._forces.restore(saved[warm:first])
         self.limiter.level_j, self.limiter.paid_j, limited, self.balance_error_j = saved[-4:]
         self.limiter.limited = int(limited)
         self.port_work, self._work_error = work, work_error

@@ -12,7 +12,7 @@ choose how a step is solved (`Scene.changed`): with other integrators, or a solv
 
 import warnings
 from collections.abc import Callable, Collection, Sequence, Set
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 from hashlib import sha256
 from pathlib import Path
@@ -29,7 +29,15 @@ from cogrip.protocol.settings.types import PINCH, Orientation, Side
 from cogrip.protocol.texts import shown
 from cogrip.server.worlds.scene_places import CLEAR_M, SITE, Placed, place_tools
 from cogrip.server.worlds.scene_start import Start, names_of, start_of
-from cogrip.server.worlds.scene_text import MOST_NAMED, SceneError, SceneFiles, listed, read_scene, scene_of
+from cogrip.server.worlds.scene_text import (
+    MOST_NAMED,
+    OutsideError,
+    SceneError,
+    SceneFiles,
+    listed,
+    read_scene,
+    scene_of,
+)
 
 MOST_CONTACTS = 8  # most contacts of a tool whose forces are measured, the strongest ones
 MOST_ITERATIONS = 1000
@@ -158,7 +166,10 @@ class Scene:
 
 
 class SceneAccount(NamedTuple):
-    """Account of a scene as its author has it, each part in words. refused: why it cannot be used, "" where it can."""
+    """Account of a scene as its author has it, each part in words.
+
+    refused: why it cannot be used, "" where it can; folder: one that would have all files that its texts name, "" for none
+    """
 
     refused: str = ""
     added: tuple[str, ...] = ()
@@ -166,6 +177,7 @@ class SceneAccount(NamedTuple):
     own: tuple[str, ...] = ()
     changed: tuple[str, ...] = ()
     unused: tuple[str, ...] = ()
+    folder: str = ""
 
 
 class Held(NamedTuple):
@@ -190,12 +202,16 @@ def held_by(settings: Settings) -> list[Held]:
     ]
 
 
-def scene_of_settings(settings: Settings, frame_s: float) -> Scene:
-    """Return the scene of a room. Raises SceneError."""
+def scene_of_settings(settings: Settings, frame_s: float, script: str = "") -> Scene:
+    """Return the scene of a room. script: what says which code its script is. Raises SceneError."""
     given = settings.object
     folder = Path(given.folder) if given.folder else None
     files = read_scene(Path(given.file), folder)
-    return _made(files, held_by(settings), frame_s / given.substeps, given.keyframe, given.ctrl)
+    made = _made(files, held_by(settings), frame_s / given.substeps, given.keyframe, given.ctrl)
+    if not given.script:
+        return made
+    digest = sha256(f"{made.digest} {script}".encode()).hexdigest()[:DIGEST_DIGITS]
+    return replace(made, digest=digest, unused=tuple(each for each in made.unused if not each.startswith(SCRIPTED)))
 
 
 def account_of(settings: Settings, frame_s: float) -> SceneAccount:
@@ -203,7 +219,7 @@ def account_of(settings: Settings, frame_s: float) -> SceneAccount:
     try:
         scene = scene_of_settings(settings, frame_s)
     except SceneError as error:
-        return SceneAccount(str(error))
+        return SceneAccount(str(error), folder=error.folder if isinstance(error, OutsideError) else "")
     places = scene.start.data(scene.model).xpos
     added = [
         f"{user.tool or TOOLS[0]} for {user.name} at {', '.join(f'{1e3 * each:.4g}' for each in places[tool.body])} mm"
@@ -245,6 +261,9 @@ def _made(
         _tried.add(digest)
     return load()
 
+
+SCRIPTED = ("mocap bodies", "ctrl of actuators")
+"""What is used of a scene where it has a script, as `Scene.unused` begins with it."""
 
 _tried: set[str] = set()
 """Whole digests of scenes that passed their trial in this process."""
@@ -375,10 +394,10 @@ def _unused(
     mocaps = [body for body in range(bare.nbody) if bare.body_mocapid[body] >= 0 and body not in taken]
     if mocaps:
         names = [bare.body(body).name or f"body {body}" for body in mocaps]
-        unused.append(f"mocap bodies stay where they are ({listed(names)}): name one as a person's tool")
+        unused.append(f"{SCRIPTED[0]} stay where they are ({listed(names)}): name one as a person's tool")
     if bare.nu and not controlled:
         names = names_of(bare, bare.nu, "actuator")
-        unused.append(f"ctrl of actuators stays 0 ({listed(names)}): set object.ctrl, or a keyframe that has it")
+        unused.append(f"{SCRIPTED[1]} stays 0 ({listed(names)}): set object.ctrl, or a keyframe that has it")
     return tuple(unused)
 
 

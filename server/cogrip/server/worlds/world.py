@@ -1,7 +1,8 @@
 """Base of all worlds: state of the object, a proxy for each person, and the energy ledger."""
 
 from abc import ABC, abstractmethod
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
+from contextlib import AbstractContextManager
 from math import isfinite
 from typing import Any, ClassVar
 
@@ -15,6 +16,7 @@ from cogrip.protocol.foreign_file import ForeignFileError
 from cogrip.protocol.laws.rotations import between, exp
 from cogrip.protocol.laws.waves import server_gain
 from cogrip.protocol.line.energy_sums import add_compensated
+from cogrip.protocol.scene_words import left_out_words
 from cogrip.protocol.settings.effects import Effect
 from cogrip.protocol.settings.object_kinds import kind_of
 from cogrip.protocol.settings.seat import SeatSettings
@@ -225,6 +227,10 @@ class World(ABC):
         and the opening of its gripper [m]; None: not known. Called before every step in which either is known."""
         return
 
+    def limit_calls(self, limit: Callable[[], AbstractContextManager[None]]) -> None:
+        """Bound the time of calls of another author's code by this context; nothing of this world is another author's."""
+        return
+
     def engaged_at(self, user: int) -> Row:
         """Return the place [m], in the hand's own frame, at which the wave line began to move a person's tool (theory 8.7).
 
@@ -341,6 +347,10 @@ class World(ABC):
     def not_drawn(self) -> Sequence[str]:
         """Return what the world has that its shapes do not say, in words, for those who look at it; none where they say all."""
         return ()
+
+    def notes(self) -> Sequence[str]:
+        """Return sentences about the world for those who look at it: what is not drawn of it, or was changed of it."""
+        return (left_out_words(words),) if (words := self.not_drawn()) else ()
 
     def sensor_names(self) -> Sequence[str]:
         """Return a name for each number of `sensors`; none where a world has no sensors of its own."""
