@@ -12,7 +12,7 @@ FIRST_S = 1.0
 class EnergyReserve:
     """Newest and least reserve. Call `elapse` once a frame, `update` whenever the reserve is known.
 
-    newest_j  newest reserve [J], -inf before the first
+    newest_j   newest reserve [J], -inf before the first
     least_j    least reserve after the first second [J]: -inf until then, inf until the next `update`
     """
 
