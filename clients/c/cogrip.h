@@ -26,7 +26,7 @@ extern "C" {
 #define COGRIP_API
 #endif
 
-#define COGRIP_PROTOCOL 8           /* version of the protocol */
+#define COGRIP_PROTOCOL 1           /* version of the protocol */
 #define COGRIP_AXES 3               /* most axes of a hand */
 #define COGRIP_MESSAGE_BYTES 1195   /* longest message */
 #define COGRIP_TEXT_BYTES 301       /* longest text, with its end */

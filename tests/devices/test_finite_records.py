@@ -9,7 +9,7 @@ from pathlib import Path
 import msgspec
 import pytest
 
-from cogrip.client.recorder import start_of, start_text
+from cogrip.client.recorder import start_of
 from cogrip.devices.arm.models import MODELS as ARMS
 from cogrip.devices.conformance import DeviceSubject, UnfitDeviceError, record_is_complete
 from cogrip.devices.device import LARGEST, SLEW_NPS, SPEED_MPS, Capability, DeviceError
@@ -18,7 +18,6 @@ from cogrip.devices.haply.models import MODELS as HAPLY
 from cogrip.devices.openhaptics.models import RECORDS as OPENHAPTICS
 from cogrip.devices.registry import describe, make
 from cogrip.protocol.recording.reader import open_recording
-from cogrip.protocol.wire.session import make_hello
 
 RECORDINGS = Path(__file__).resolve().parents[1] / "recordings"
 BOUNDS = ("peak_force_n", "continuous_force_n", "stiffness_npm", "damping_nspm", "slew_nps", "speed_mps")
@@ -84,27 +83,10 @@ def test_the_conformance_suite_asks_for_a_rate_that_a_hand_can_be_held_at() -> N
     record_is_complete(DeviceSubject(Slow))  # type: ignore[arg-type]
 
 
-def old_table() -> dict[str, object]:
-    """A record as it was written when bounds could be infinite."""
-    endless = ("slew_nps", "speed_mps", "stiffness_npm", "damping_nspm")
-    return {**msgspec.to_builtins(PHANTOM), **dict.fromkeys(endless, inf)}
-
-
-def test_a_record_of_an_early_recording_is_read_with_todays_bounds() -> None:
-    hello = make_hello(software="x", nonce=1, room="r", name="n", digest="", device="sim:", axes=3, rate_hz=1e3)
-    text = json.dumps({"hello": msgspec.to_builtins(hello), "capability": old_table()})
-    assert text.count("Infinity") == 4
-    _, record = start_of(text)
-    assert (record.slew_nps, record.speed_mps, record.stiffness_npm) == (1e3, 4.0, 2e4)
-    assert replace(record, **{name: getattr(PHANTOM, name) for name in BOUNDS}) == PHANTOM, "all else as it stands"
-    assert "Infinity" not in start_text(hello, record)
-    assert start_of(start_text(hello, record)) == (hello, record)
-
-
 @pytest.mark.parametrize("changed", [{"peak_force_n": inf}, {"slew_nps": nan}, {"slew_nps": -inf}, {"speed_mps": 0.0}])
 def test_what_was_never_a_record_is_no_recording(changed: dict[str, float]) -> None:
     with pytest.raises(ValueError, match="no limit"):
-        Capability.recorded({**old_table(), **changed})
+        Capability.recorded({**msgspec.to_builtins(PHANTOM), **changed})
 
 
 @pytest.mark.parametrize(

@@ -23,7 +23,7 @@ from cogrip.protocol.recording.records import Clock, Gap
 
 from tests.protocol.test_recording_file import header
 
-KINDS = ("event", "command", "gap", "clock")
+KINDS = ("event", "input", "gap", "clock")
 EVENT, COMMAND, GAP, CLOCK = range(4)
 MOST_TURNS = 50_000_000  # of a loop that waits for the writer: hours; a test that hangs is ended long before
 TOO_SLOW = "recording of client-anna.mcap is too slow: messages are left out, and counted"

@@ -31,7 +31,7 @@ from tests.protocol.test_recording_schema import fits
 from tests.protocol.valid_values import valid
 
 EPOCH_NS = 1_700_000_000_123_456_789
-KINDS_SMALL = ("event", "command")
+KINDS_SMALL = ("event", "input")
 
 
 def header(kinds: Sequence[str] = KINDS_SMALL, **changes: Any) -> Header:

@@ -29,7 +29,7 @@ from cogrip.protocol.recording.writer import CHUNK_BYTES, LEVEL, LIBRARY, Record
 
 from tests.protocol.test_recording_file import EPOCH_NS, header, written
 
-THREE = ("event", "command", "tick")
+THREE = ("event", "input", "tick")
 
 
 @pytest.fixture(autouse=True, scope="module")
@@ -194,7 +194,7 @@ def test_a_long_recording_is_opened_by_those_who_seek(tmp_path):
         start = EPOCH_NS + 10**8 * 700
         found = [
             (each.log_time - EPOCH_NS, each.data)
-            for _, _, each in reader.iter_messages("/anna/command", starting_at=start, ending_before=start + 10**9)
+            for _, _, each in reader.iter_messages("/anna/input", starting_at=start, ending_before=start + 10**9)
         ]
     assert found == [(10**8 * number + 1, b'{"tick":%d}' % number) for number in range(700, 710)]
     recording = open_recording(path)

@@ -183,7 +183,7 @@ def test_no_cut_is_a_difference(source: Path, tmp_path: Path, end: str) -> None:
     chunks = CHUNKS[source]
     recording, messages = open_recording(source), joined(chunks)
     kinds = [kind_of(recording.topics[message.topic]) for message in messages]
-    outs = [place for place, kind in enumerate(kinds) if kind in ("datagram_out", "command", "event")]
+    outs = [place for place, kind in enumerate(kinds) if kind in ("datagram_out", "input", "event")]
     found = []
     for place in (*outs[:2], *outs[len(outs) // 2 :][:2], *outs[-2:]):
         path = tmp_path / f"{place}.mcap"

@@ -187,7 +187,11 @@ def both_print(client: ClientSession, core: ServerCore) -> str:
 @pytest.mark.parametrize(
     ("change", "code", "text"),
     [
-        ({"version": 3}, "version", "the client speaks protocol 3, the server 8: install the same cogrip on both"),
+        (
+            {"version": 3},
+            "version",
+            f"the client speaks protocol 3, the server {PROTOCOL_VERSION}: install the same cogrip on both",
+        ),
         ({"room": "attic"}, "room", "there is no room 'attic' here; there is: lab"),
         ({"name": "eve"}, "name", "no seat is kept for 'eve'; seats are: anna, ben"),
         ({"digest": "0123"}, "settings", f"your settings (0123) are not the server's ({digest(SETTINGS)})"),
@@ -228,7 +232,9 @@ def test_a_hello_with_another_layout_is_refused_by_its_fixed_part(magic: str, ve
     core.receive(b"\x97" + head[1:] + b"\xc5" + len(padding).to_bytes(2, "big") + padding, "anna's", 0)
     exchange(client, core, 0)
     if refused:
-        assert both_print(client, core).startswith("the client speaks protocol 9, the server 8")
+        assert both_print(client, core).startswith(
+            f"the client speaks protocol {PROTOCOL_VERSION + 1}, the server {PROTOCOL_VERSION}"
+        )
     else:
         assert core.dropped == {"malformed": 1}
         assert client.state == "connecting"

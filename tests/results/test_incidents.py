@@ -1,6 +1,5 @@
 """Left, saturated and unstable are three things: by name in the laboratory, the summary, the verdict, its exit code."""
 
-import json
 from pathlib import Path
 from typing import Any
 
@@ -12,7 +11,6 @@ from cogrip.results.listing import list_runs
 from cogrip.results.summary import of_laboratory
 from cogrip.results.verdict import stable, succeeded
 from cogrip.results.verdict_text import verdict
-from cogrip.server.recorder import start_of, start_text
 from cogrip.sim.laboratory import Laboratory
 
 SOFT = {"stiffness_npm": 300.0, "impedance_nspm": 15.0}
@@ -188,13 +186,3 @@ def test_a_list_of_runs_has_the_same_names(table: dict[str, Any], word: str, tmp
     (listed,) = list_runs(tmp_path, lambda _: False)
     assert word in listed.verdict
     assert listed.brief == word
-
-
-def test_a_task_of_an_earlier_recording_is_reached_as_it_was_then(tmp_path: Path) -> None:
-    """At the first moment, also at the start: else its replay would tell it at another step."""
-    settings = resolve(scene(tmp_path))
-    table = json.loads(start_text([settings], "0"))
-    del table["rooms"][0]["task"]["dwell_s"]
-    (earlier,), _ = start_of(json.dumps(table))
-    (now,), _ = start_of(start_text([settings], "0"))
-    assert (earlier.task.dwell_s, now.task.dwell_s) == (0.0, 0.5)

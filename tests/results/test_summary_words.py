@@ -55,19 +55,6 @@ def test_verdict_says_who_broke_passivity_why_it_was_unstable_and_which_ticks_di
     assert "Not stable: anna: the force oscillates at the hand." in words(summary)
 
 
-def test_a_run_of_an_earlier_version_has_one_word_for_what_left_saturated_or_was_unstable(
-    summary: dict[str, Any],
-) -> None:
-    del summary["unstable"], summary["saturated"], summary["left"]
-    assert "whether anything was unstable" in words(summary)
-    summary["diverged"] = False
-    assert "Stable:" in words(summary)
-    summary["diverged"] = True
-    assert "Diverged. The object left the workspace" in words(summary)
-    summary["users"][0]["reason"] = "force at its limit"
-    assert "Diverged. anna: force at its limit." in words(summary)
-
-
 @pytest.mark.parametrize("width", [80, 100])
 def test_terminal_table_fits(summary: dict[str, Any], width: int) -> None:
     for user in summary["users"]:

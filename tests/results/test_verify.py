@@ -4,14 +4,13 @@ import json
 from itertools import count, product
 from pathlib import Path
 
-import msgspec
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from cogrip.cli.settings.settings_file import load
 from cogrip.protocol.recording.reader import Damage, RecordedMessage, RecordingError, open_recording
-from cogrip.protocol.recording.records import KINDS, kind_of
+from cogrip.protocol.recording.records import kind_of
 from cogrip.protocol.settings.coupling_kinds import COUPLING_KINDS
 from cogrip.protocol.settings.room import rates_of, resolve
 from cogrip.protocol.settings.sections import Settings
@@ -123,27 +122,6 @@ def test_one_seed_gives_the_same_bytes(tmp_path: Path) -> None:
         verdicts_of(world, tmp_path / name)
     for path in (tmp_path / "a").glob("*.mcap"):
         assert path.read_bytes() == (tmp_path / "b" / path.name).read_bytes()
-
-
-def as_before(kind: str, message: RecordedMessage) -> bytes:
-    """Return a message as an earlier cogrip wrote it: fields at their defaults left out."""
-    table = json.loads(message.payload)
-    defaults = {field.name: field.default for field in msgspec.structs.fields(KINDS[kind])}
-    return msgspec.json.encode({key: value for key, value in table.items() if value != defaults[key]})
-
-
-def test_files_that_leave_out_defaults_play_again_and_what_differs_in_them_is_found(folder: Path) -> None:
-    for name in ("client-anna.mcap", "server.mcap"):
-        rewrite(folder / name, as_before)
-        assert verify(open_recording(folder / name)).exact, name
-
-    def one_lost(kind: str, message: RecordedMessage) -> bytes:
-        table = json.loads(as_before(kind, message))
-        return msgspec.json.encode(table | ({"lost": 77} if table.get("tick") == 100 else {}))
-
-    rewrite(folder / "client-anna.mcap", one_lost)
-    found = verify(open_recording(folder / "client-anna.mcap")).difference
-    assert (found.topic, found.field, found.recorded) == ("/anna/tick", "lost", "77")
 
 
 def test_a_client_that_ticks_without_a_welcome_is_said(folder: Path) -> None:

@@ -146,13 +146,3 @@ def test_a_start_that_is_none_is_refused_in_words(make: type[Person | Server], s
     end.core.start = start
     with pytest.raises(RecordingError, match=f"{end.file} cannot be replayed"):
         end.verdict()
-
-
-@both
-def test_a_recording_of_an_earlier_version_is_refused_in_words(make: type[Person | Server]) -> None:
-    end = make()
-    if isinstance(end, Person):
-        end.take_seat()
-    end.topics = tuple(topic.replace("/input", "/command") for topic in end.topics)
-    with pytest.raises(RecordingError, match="cannot be replayed: an earlier version of cogrip recorded it"):
-        end.verdict()

@@ -20,7 +20,7 @@ PLACES = {"IPv4": ("127.0.0.1", "127.0.0.1"), "IPv6": ("::1", "::1"), "IPv4 at a
 
 
 class Steered:
-    """A public port with its workers' sockets, and peers that send to it."""
+    """A public address with its workers' sockets, and peers that send to it."""
 
     def __init__(self, stack: ExitStack, host: str, peers_at: str) -> None:
         try:

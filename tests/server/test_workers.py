@@ -85,7 +85,7 @@ def public(peers: Peers) -> socket.socket:
 
 
 class Linked:
-    """A worker's port at its link, and the front's end of that. by_front: the public port, through which it sends.
+    """A worker's sockets at its link, and the front's end of that. by_front: the public address, through which it sends.
 
     own: this is the worker's own socket there, by which it receives as well
     """

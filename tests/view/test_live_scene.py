@@ -18,15 +18,15 @@ from cogrip.server.seats.observers import PEOPLE_A_VIEW, VIEWS_HZ
 from cogrip.sim.laboratory import Laboratory
 from cogrip.view import frames
 from cogrip.view.frames import SceneFrame
-from cogrip.view.live import OLD_AFTER, LiveScene
+from cogrip.view.live import LiveScene
 
 FRAME_S = 1 / 128
 
 
 class Watched:
-    """A laboratory session with an observer, whose frames are kept. old: the server says nothing of people."""
+    """A laboratory session with an observer, whose frames are kept."""
 
-    def __init__(self, old: bool = False, **tables: Any) -> None:
+    def __init__(self, **tables: Any) -> None:
         settings = resolve({"seconds": 3.0, "users": [{"name": "anna"}, {"name": "ben", "hand": "hold"}], **tables})
         hello = make_hello(
             software="1", nonce=99, room="", name="", digest="", device="none", axes=1, rate_hz=1.0, role="observer"
@@ -35,7 +35,6 @@ class Watched:
         self.messages: list[View | Person] = []
         self.frames: list[SceneFrame] = []
         self.live: LiveScene | None = None
-        self._old = old
         self.lab = Laboratory(settings, lambda core, who: self if who == "" else Ignored())
 
     keeps = True
@@ -51,8 +50,7 @@ class Watched:
         message = decode(sent.data)
         if isinstance(message, View | Person):
             self.messages.append(message)
-        if not (self._old and isinstance(message, Person)):
-            self.observer.receive(sent.data, time_ns)
+        self.observer.receive(sent.data, time_ns)
 
     def run(self, each_frame: Callable[[Laboratory], None] = lambda lab: None) -> "Watched":
         observer, views = self.observer, 0
@@ -174,17 +172,6 @@ def test_loss_is_that_of_the_last_second() -> None:
     watched = Watched(seconds=6.0, link={"delay_ms": 5.0, "loss": 0.2}, playout={"redundancy": 1}).run()
     shares = [person.loss for frame in watched.frames[-128:] for person in frame.people]
     assert 0.1 < sum(shares) / len(shares) < 0.3
-
-
-@pytest.mark.long
-def test_an_older_servers_hands_are_shown_without_names() -> None:
-    watched = Watched(old=True).run()
-    assert watched.live is not None
-    assert watched.live.scene.people == ()
-    assert "older one" in watched.live.scene.note
-    assert len(watched.frames) > OLD_AFTER
-    assert all(not person.flags & frames.HAND_KNOWN for person in watched.frames[-1].people)
-    assert {person.state for person in watched.frames[-1].people} == {"live"}
 
 
 @pytest.mark.long

@@ -18,7 +18,7 @@ GONE_NS = 1_000_000_000
 class ObserverCore:
     """`view` is the newest one, None before the first; `age_ns` says how old it is.
 
-    people   seat -> newest message about who has it; those without one for GONE_NS are left out. An older server sends none
+    people   seat -> newest message about who has it; those without one for GONE_NS are left out.
     marked   markers that came, for its owner to empty
     scene    shapes and poses of a scene's bodies, and sentences about it
     effects  haptic effects of the room by number, places in the object's frame

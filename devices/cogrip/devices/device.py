@@ -175,7 +175,7 @@ class Capability:
     def __post_init__(self) -> None:
         if not 1 <= self.axes <= POSE_AXES:
             raise self._error(f"axes = {self.axes}: a device has 1 to {POSE_AXES}; state 1 to 3, 4 or 6")
-        for name in ("peak_force_n", "continuous_force_n", *_FORMERLY_UNBOUNDED, "apparent_mass_kg"):
+        for name in _LIMITS:
             value = getattr(self, name)
             if not 0.0 < value <= LARGEST:  # False for nan
                 raise self._error(f"{name} = {value:g} is no limit: state a number above 0, at most {LARGEST:g}")
@@ -203,13 +203,9 @@ class Capability:
 
     @classmethod
     def recorded(cls, table: Mapping[str, Any]) -> Capability:
-        """The record that a recording holds. In early ones a bound may be infinite: it becomes the one given today.
-
-        Raises ValueError for anything else that is no record.
-        """
-        named = {name: ours for name, ours in _FORMERLY_UNBOUNDED.items() if table.get(name) == float("inf")}
+        """Return the record that a recording holds. Raises ValueError for what is none."""
         try:
-            return msgspec.convert({**table, **named}, cls)
+            return msgspec.convert(table, cls)
         except DeviceError as error:
             raise ValueError(str(error)) from None
 
@@ -232,13 +228,10 @@ class Capability:
         return replace(self, axes=axes, workspace_m=self.workspace_m[:axes], rotation=None, gripper=None)
 
 
-_FORMERLY_UNBOUNDED = {
-    "stiffness_npm": IDEAL_STIFFNESS_NPM,
-    "damping_nspm": IDEAL_DAMPING_NSPM,
-    "slew_nps": SLEW_NPS,
-    "speed_mps": IDEAL_SPEED_MPS,
-}
-"""Limits that could be infinite in early recordings -> what stands there instead as they are read."""
+_LIMITS = (
+    "peak_force_n", "continuous_force_n", "stiffness_npm", "damping_nspm", "slew_nps", "speed_mps", "apparent_mass_kg",
+)  # fmt: skip
+"""Numbers of a record that are finite, and above 0."""
 
 
 def encoder_record(

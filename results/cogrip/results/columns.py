@@ -2,7 +2,7 @@
 
 A vector has a column for each axis (`position_m_x`); the fields of a seat stand under its person (`anna.proxy_m_x`); accounts,
 which are JSON arrays in the order of the fields of `cogrip.protocol.wire.accounts`, are spread out (`link_up_lost`,
-`ticks_late_us_p99`). Values that are null, or missing at the end of an account of an earlier version, are None.
+`ticks_late_us_p99`). Values that are null, or missing at the end of an account, are None.
 """
 
 import json

@@ -1,10 +1,8 @@
 """Incidents of a run, from its summary: what was unstable, saturated, or left the workspace. Three things, three names.
 
-    unstable   numbers that are not finite or grow, a force that oscillated until it was a fault: the session has failed
-    saturated  a force that sat at its device's limit, and was let go
-    left       a hand, the object or a body of a scene that went out of the workspace
-
-Summaries of earlier versions have one name for all three, `diverged`.
+unstable   numbers that are not finite or grow, a force that oscillated until it was a fault: the session has failed
+saturated  a force that sat at its device's limit, and was let go
+left       a hand, the object or a body of a scene that went out of the workspace
 """
 
 from typing import Any, Literal
@@ -17,8 +15,8 @@ INCIDENTS: tuple[Incident, ...] = ("unstable", "saturated", "left")
 
 
 def is_unstable(summary: Summary) -> bool | None:
-    """Return whether a run was unstable, of earlier versions whether it diverged; None where no end said it."""
-    found = summary.get("unstable", summary.get("diverged"))
+    """Return whether a run was unstable; None where no end said it."""
+    found = summary.get("unstable")
     return found if isinstance(found, bool) else None
 
 
@@ -29,11 +27,10 @@ def word_of(summary: Summary) -> str:
 
 def why_unstable(summary: Summary) -> list[str]:
     """Return the reasons why a run was unstable."""
-    earlier = "unstable" not in summary
     found = [
         f"{name_of(user)}: {user['reason']}"
         for user in people(summary)
-        if user.get("reason") and not user.get("claimed") and (earlier or user.get("unstable") is True)
+        if user.get("reason") and not user.get("claimed") and user.get("unstable") is True
     ]
     if failed := dig(summary, "server", "world_failed"):
         found.insert(0, f"The world has ended: {failed}")
@@ -42,8 +39,6 @@ def why_unstable(summary: Summary) -> list[str]:
     if found:
         return found
     where = vector(dig(summary, "object", "position_m"), scale=1e3)
-    if earlier:
-        return [f"The object left the workspace, it was last at {where} mm"]
     return [f"numbers grew out of bounds; the object was last at {where} mm"]
 
 

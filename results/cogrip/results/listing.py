@@ -202,9 +202,7 @@ def _short(judgement: Judgement, summary: Summary) -> str:
         return (judgement.name == "stable" and word_of(summary)) or "not known"
     if judgement.name == "passive":
         return "not passive"
-    if not is_unstable(summary):
-        return "oscillates"
-    return "unstable" if "unstable" in summary else "diverged"
+    return "unstable" if is_unstable(summary) else "oscillates"
 
 
 def _as_part(sentence: str) -> str:

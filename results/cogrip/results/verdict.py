@@ -26,9 +26,9 @@ from cogrip.results.summary_values import (
 )
 
 
-def judgements(summary: Summary, credit_j: float | None = None) -> tuple[Judgement, Judgement, Judgement]:
-    """Return the three judgements. credit_j: credit of the lines (settings), None if not known."""
-    return passive(summary, credit_j), stable(summary), felt(summary)
+def judgements(summary: Summary) -> tuple[Judgement, Judgement, Judgement]:
+    """Return the three judgements."""
+    return passive(summary), stable(summary), felt(summary)
 
 
 def succeeded(summary: Summary) -> bool:
@@ -56,7 +56,7 @@ def came(summary: Summary) -> bool:
 
 
 def unjudged(summary: Summary) -> bool:
-    """Return True for a run of clients of older versions, none of which reported anything of its device port."""
+    """Return True for a run none of whose clients reported anything of its device port."""
     return all(dig(row, "energy", "device_margin_j") is None for row in occupied(people(summary)))
 
 
@@ -107,10 +107,9 @@ def _measured(row: Row) -> tuple[str, ...]:
     return ours if row.get("claimed") else (*ours, "down_margin_j", "device_margin_j")
 
 
-def passive(summary: Summary, credit_j: float | None = None) -> Judgement:
+def passive(summary: Summary) -> Judgement:
     """Judge whether no line gave out more than had come in and its credit, and no device port more than had come in."""
-    if is_number(recorded := summary.get("credit_j")):  # summaries of earlier versions have none: the settings say it
-        credit_j = recorded
+    credit_j = recorded if is_number(recorded := summary.get("credit_j")) else None
     users, said = people(summary), summary.get("passive")
     worst, device = worst_margin(users), _worst_device(users)
     lent = _budget(users, credit_j)
@@ -249,9 +248,8 @@ def _stability(summary: Summary) -> Judgement:
     found, brief = [], []
     if said is True:
         why = why_unstable(summary)
-        began, word = ("Not stable:", "unstable") if "unstable" in summary else ("Diverged.", "diverged")
-        found.append(f"{began} {'; '.join(why)}")
-        brief.append(f"{word} ({why[0]})")
+        found.append(f"Not stable: {'; '.join(why)}")
+        brief.append(f"unstable ({why[0]})")
     if ours:
         begins = "The" if found else "Not stable: the"
         found.append(f"{begins} force on {some(ours)} oscillated, and was let go")
@@ -261,8 +259,7 @@ def _stability(summary: Summary) -> Judgement:
     not_known = "Whether the run was stable is not known:"
     if said is not False:
         return Judgement("stable", "warn", f"{not_known} no end reported whether anything was unstable.")
-    said_so = ("unstable", "diverged")  # the second in earlier versions
-    unstable = names_of(row for row in sessions if any(dig(row, "claimed", key) is True for key in said_so))
+    unstable = names_of(row for row in sessions if dig(row, "claimed", "unstable") is True)
     if theirs := [(what, who) for what, who in (("the force", names_of(shaking)), ("the hand", unstable)) if who]:
         claims = ", ".join(f"{what} of {some(who)}" for what, who in theirs)
         text = f"Stable as far as this end measured, but clients say that they were not: {claims}."

@@ -25,12 +25,12 @@ _SHOWN_PEOPLE = 6
 MUCH_LATE, MANY_LATE = 0.05, 20  # share and number of one direction's late frames from which on a depth is too shallow
 
 
-def verdict(summary: Summary, credit_j: float | None = None) -> list[tuple[Tone, str]]:
-    """Return sentences, each with its tone. credit_j: energy credit of each line by the settings, None if not known."""
+def verdict(summary: Summary) -> list[tuple[Tone, str]]:
+    """Return sentences, each with its tone."""
     if not summary:
         return [("bad", "There is no summary of this run: only what its traces hold can be shown.")]
     return [
-        *((judgement.tone, judgement.sentence) for judgement in judgements(summary, credit_j)),
+        *((judgement.tone, judgement.sentence) for judgement in judgements(summary)),
         *_task(summary),
         *((tone, sentence) for tone, sentence, _ in notes(summary)),
     ]
@@ -98,7 +98,7 @@ def _states(summary: Summary) -> Iterator[tuple[Tone, str]]:
                 continue
             silent = "never sent anything" if dig(user, "link", "up", "received") == 0 else "reported no account"
             yield "warn", f"The client of {name_of(user)} {silent}: what it alone knows is missing."
-        elif state in ("fault", "degraded") and not (summary.get("diverged") or user.get("unstable")):
+        elif state in ("fault", "degraded") and not user.get("unstable"):
             said = ", its client says" if user.get("claimed") else ""
             yield (
                 ("bad" if state == "fault" else "warn"),

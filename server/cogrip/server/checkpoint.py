@@ -28,7 +28,7 @@ class SeatCheckpoint(msgspec.Struct, frozen=True):
 class RoomCheckpoint(msgspec.Struct, frozen=True):
     """One room. scene: digest of its scene of rigid bodies, coordinates: of all of them; both empty where it has none.
 
-    progress: measures of its contacts and its task so far (`World.progress`); empty where it has none, or of earlier versions
+    progress: measures of its contacts and its task so far (`World.progress`); empty where it has none
     """
 
     version: int

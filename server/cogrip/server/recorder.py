@@ -312,18 +312,9 @@ def start_text(rooms: Sequence[Settings], software: str, scenes: Mapping[str, st
 def start_of(text: str) -> tuple[list[Settings], str]:
     """Return rooms and software from `start_text`. Raises ValueError (msgspec's among them) or KeyError."""
     table = json.loads(text)
-    for room in table["rooms"]:
-        if task := room.get("task"):
-            _as_recorded(task)
     return msgspec.convert(table["rooms"], list[Settings]), str(table["software"])
 
 
-def _as_recorded(task: dict[str, object]) -> None:
-    """Let a task of earlier recordings be reached as it was then: at the first moment at which all was met."""
-    if any(task.get(goal) is not None for goal in ("lifted_m", "turned_rad", "within_m")):
-        task.setdefault("dwell_s", 0.0)
-
-
 def scenes_of(text: str) -> dict[str, str]:
-    """Return the digests of scenes from `start_text`, by room; none of recordings from before they were kept."""
+    """Return the digests of scenes from `start_text`, by room; none where no room has one."""
     return msgspec.convert(json.loads(text).get("scenes", {}), dict[str, str])

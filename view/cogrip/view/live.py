@@ -33,8 +33,6 @@ from cogrip.view.scene import (
 
 KEPT_STEPS = 512  # steps that are kept of the object's path, for what a person far away is still shown
 LOSS_S = 1.0
-OLD_SERVER = "this server is an older one: it tells observers neither names nor delays; update it to see them"
-OLD_AFTER = 64  # views with hands, but without a message about anybody, after which the server is an older one
 
 
 def scene_object(kind: str, mass_kg: float) -> DrawnObject:
@@ -55,7 +53,6 @@ class LiveScene:
         self._counts: dict[int, deque[tuple[float, int, int]]] = {}
         self._states: dict[int, State] = {}
         self._notes: tuple[str, ...] = ()  # sentences about the room's world
-        self._unnamed = 0  # views with hands, and no message about whose they are
         self._shapes: tuple[Shape, ...] = ()
         self._poses: tuple[Pose, ...] = ()
         self._effects: dict[int, Effect] = {}
@@ -71,7 +68,6 @@ class LiveScene:
         if self._first is None or view.number < self._first or (self._path and view.number < self._path[-1][0]):
             self._first = view.number  # also after the server began anew
             self._path.clear()
-        self._unnamed = 0 if core.people or not view.seats else self._unnamed + 1
         axes = len(view.object) // 2
         time_s = (view.number - self._first) * self._frame_s
         position = vector(view.object[:axes])
@@ -128,7 +124,7 @@ class LiveScene:
                 self._say(time_s, "button", person.name, edge_words(bit + 1 if person.buttons >> bit & 1 else -bit - 1))
         changed = self._drawn(people) != self._drawn(self.people)
         self.people = dict(people)
-        if changed or self._unnamed == OLD_AFTER:
+        if changed:
             self.scene = self._scene()
 
     @staticmethod
@@ -146,7 +142,7 @@ class LiveScene:
             proxy, force = (vector(row[axes * at : axes * (at + 1)]) for row in (view.proxies_m, view.forces_n))
             flags = frames.PUSHES if add_floats(each * each for each in force) >= LEAST_DRAWN_N**2 else 0
         person = self.people.get(seat)
-        if person is None:  # an older server, or the message is on its way
+        if person is None:  # the message is on its way
             return PersonFrame(seat, "live", flags, 0, proxy, proxy, force, self._path[-1][1])
         margins = {"up_margin_j": person.up_margin_j, "line_margin_j": person.line_margin_j}
         if any(
@@ -204,8 +200,6 @@ class LiveScene:
 
     def _note(self) -> str:
         """Return what a person who looks at this should know of it."""
-        if self._unnamed >= OLD_AFTER:
-            return OLD_SERVER
         return " ".join([as_sentence(shown(text)) for text in self._notes])
 
 

@@ -172,19 +172,6 @@ class Ledger(Record, frozen=True, gc=False):
     account: str
 
 
-class Command(Record, frozen=True, gc=False):
-    """An input of a core as earlier versions recorded it: it is exported, but not replayed."""
-
-    verb: str
-    reason: str = ""
-    count: int = 0
-    ticks: str = ""
-
-
-class Asked(Answer, frozen=True, gc=False):
-    """An answer as earlier versions recorded it."""
-
-
 KINDS: dict[str, type[Record]] = {
     "tick": Tick,
     "step": Step,
@@ -193,8 +180,6 @@ KINDS: dict[str, type[Record]] = {
     "sensors": Sensors,
     "datagram_in": Datagram,
     "datagram_out": Datagram,
-    "command": Command,
-    "asked": Asked,
     "input": Input,
     "answer": Answer,
     "event": Event,

@@ -36,7 +36,7 @@ from cogrip.protocol.wire.handle import Buttons, EdgeCount, Handle, Opening, Qua
 
 MOST_NOTES = 8  # most sentences about a room's world that observers are told
 MOST_WAIT_MS = 600_000  # longest wait for a server that restarts
-PROTOCOL_VERSION = 8
+PROTOCOL_VERSION = 1
 MAGIC: Literal["cogrip"] = "cogrip"
 MAX_DATAGRAM_BYTES = 1232  # longest datagram: it fits one IPv6 packet on every path (RFC 8200: 1280 less the headers)
 DTLS_BYTES = 37  # bytes that DTLS adds to a message: record header 13, AES-GCM nonce 8 and tag 16

@@ -42,7 +42,7 @@ RESERVES = ("up_reserve_j", "down_reserve_j", "line_reserve_j")
 
 
 def reserve(run: TracedRun, name: str, key: str) -> Line | None:
-    """Return one of RESERVES over time [J]; None where it is not recorded, as by older versions."""
+    """Return one of RESERVES over time [J]; None where it is not recorded."""
     if key == "down_reserve_j":
         trace = run.clients.get(name)
         values = trace.columns["reserve_j"] if trace else None

@@ -1,18 +1,12 @@
-"""Comparison of the messages of a replay with the recorded ones, one by one, byte for byte.
-
-Files of an earlier cogrip leave out the fields that are at their defaults; these count as there.
-"""
+"""Comparison of the messages of a replay with the recorded ones, one by one, byte for byte."""
 
 import json
 from collections import deque
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any, get_args
-
-import msgspec
+from typing import Any
 
 from cogrip.protocol.recording.reader import RecordedMessage
-from cogrip.protocol.recording.records import KINDS, kind_of
 
 NOTHING = "nothing"
 
@@ -33,7 +27,6 @@ class ReplayComparison:
 
     def __init__(self, topics: Sequence[str]) -> None:
         self._topics = topics
-        self._kinds = [KINDS.get(kind_of(topic)) for topic in topics]
         self._recorded: deque[RecordedMessage] = deque()
         self._replayed: deque[RecordedMessage] = deque()
         self.equal = 0
@@ -74,7 +67,7 @@ class ReplayComparison:
         elif recorded.topic != replayed.topic:
             there, here = self._topics[recorded.topic], self._topics[replayed.topic]
             self._differ(recorded, "", f"{there} {_text(recorded)}", f"{here} {_text(replayed)}")
-        elif difference := _first_field(recorded.payload, replayed.payload, self._kinds[recorded.topic]):
+        elif difference := _first_field(recorded.payload, replayed.payload):
             self._differ(recorded, *difference)
         elif recorded.time_ns != replayed.time_ns:
             self._differ(recorded, "time_ns", str(recorded.time_ns), str(replayed.time_ns))
@@ -90,22 +83,7 @@ def _text(message: RecordedMessage) -> str:
     return message.payload.decode("utf-8", "replace")
 
 
-def _completed(value: Any, kind: type[msgspec.Struct] | None) -> Any:
-    """Return a message with the fields that it leaves out at their defaults, as JSON has them."""
-    if kind is None or not isinstance(value, dict):
-        return value
-    found = dict(value)
-    for field in msgspec.structs.fields(kind):
-        name = field.encode_name
-        if name not in found and field.default is not msgspec.NODEFAULT:
-            found[name] = field.default
-        for item in get_args(field.type):  # of a tuple of structs
-            if isinstance(found.get(name), list) and isinstance(item, type) and issubclass(item, msgspec.Struct):
-                found[name] = [_completed(each, item) for each in found[name]]
-    return found
-
-
-def _first_field(recorded: bytes, replayed: bytes, kind: type[msgspec.Struct] | None) -> tuple[str, str, str] | None:
+def _first_field(recorded: bytes, replayed: bytes) -> tuple[str, str, str] | None:
     """Return (path, recorded value, replayed value) of the first difference of two JSON messages; None where there is none."""
     if recorded == replayed:
         return None
@@ -113,11 +91,6 @@ def _first_field(recorded: bytes, replayed: bytes, kind: type[msgspec.Struct] | 
         one, other = json.loads(recorded), json.loads(replayed)
     except ValueError:
         return "", recorded.decode("utf-8", "replace"), replayed.decode("utf-8", "replace")
-    whole = _completed(one, kind)
-    if whole != one:
-        one = whole
-        if json.dumps(one, sort_keys=True) == json.dumps(other, sort_keys=True):
-            return None
     return _descend(one, other, "")
 
 

@@ -36,11 +36,6 @@ _shown = msgspec.json.Decoder(str | None).decode
 _ticks = msgspec.json.Decoder(TickCount).decode
 
 
-EARLIER = (
-    "an earlier version of cogrip recorded it, with other inputs; `cogrip report` and `cogrip export` still read it"
-)
-
-
 class Play(Protocol):
     """`ticks`: of a client, or steps of a server, played so far."""
 
@@ -59,8 +54,6 @@ class ClientPlay:
     """One person's core."""
 
     def __init__(self, replay_input: ReplayInput, sink: Sink) -> None:
-        if "command" in replay_input.kinds:
-            raise ValueError(EARLIER)
         hello, capability = client_start(replay_input.recording.header.start)
         self.core = RecordedClient(hello, capability)
         self.core.record(sink)
@@ -104,8 +97,6 @@ class ServerPlay:
     """A server's core with all its rooms."""
 
     def __init__(self, replay_input: ReplayInput, sink: Sink) -> None:
-        if "command" in replay_input.kinds:
-            raise ValueError(EARLIER)
         rooms, software = server_start(replay_input.recording.header.start)
         services = AdmissionServices(
             lambda: _told(replay_input, "session"),

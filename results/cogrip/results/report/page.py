@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, NamedTuple
 from cogrip.results.folder import write_whole
 from cogrip.results.judgement import Tone
 from cogrip.results.report.tables import dropped_table, people_table, room_table, settings_tables
-from cogrip.results.summary_values import dig, lent_j, number
+from cogrip.results.summary_values import dig, number
 from cogrip.results.traces import MOST_PEOPLE, TracedRun, load_run
 from cogrip.results.verdict_text import verdict
 
@@ -122,4 +122,4 @@ def about(run: TracedRun, first: str) -> list[str]:
 
 def verdict_of(run: TracedRun) -> list[tuple[Tone, str]]:
     """Return the verdict's sentences, each with its tone."""
-    return verdict(run.summary, lent_j(run.settings))
+    return verdict(run.summary)

@@ -36,7 +36,6 @@ from cogrip.server.roster import MOST_LISTED, RosterEntry, roster_of
 from cogrip.server.snapshot import Snapshot, SnapshotMaker
 
 EVERY_NS = 500_000_000  # time between two writings of checkpoints and metrics
-EARLIER_SUFFIX = ".json"  # ending of the checkpoints of earlier versions, which were not overwritten in place
 POLL_EVERY_NS = 50_000_000  # time between two looks for orders
 TURNS = EVERY_NS // POLL_EVERY_NS
 
@@ -161,7 +160,6 @@ class Housekeeping:
             self.published.begin()
         for room, writer in self._writers.items():
             try:
-                self._leave_earlier(room, writer.path)
                 data = writer.read()
                 if data is not None and self._fresh:
                     text = f"{room}: begins at its start (--fresh): a checkpoint is left aside"
@@ -176,15 +174,6 @@ class Housekeeping:
             self._say(core.events.popleft())
         self._server.chores.append(self.chore)
         self._notifier.ready(f"rooms: {', '.join(room.name for room in core.rooms)}")
-
-    def _leave_earlier(self, room: str, path: Path) -> None:
-        """Say that a checkpoint that an earlier version of cogrip left is not read, and remove it."""
-        earlier = path.with_suffix(EARLIER_SUFFIX)
-        if earlier.exists():
-            text = f"{room}: {earlier.name}, a checkpoint of an earlier version of cogrip, is not read"
-            self._say(ServerEvent("notice", text, room))
-            with suppress(OSError):  # of no harm where it stays
-                earlier.unlink()
 
     def chore(self, now_ns: int) -> None:
         """Do what is due. Called between two ticks."""

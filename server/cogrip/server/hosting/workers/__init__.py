@@ -1,1 +1,1 @@
-"""Rooms over several processes: a front process with the public port and the tokens, workers with the rooms."""
+"""Rooms over several processes: a front process with the public address and the tokens, workers with the rooms."""

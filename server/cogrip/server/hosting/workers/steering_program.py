@@ -1,4 +1,4 @@
-"""Classic BPF program that finds a peer's socket among those that share the public port (Linux, SO_ATTACH_REUSEPORT_CBPF).
+"""Classic BPF program that finds a peer's socket among those that share the public address (Linux, SO_ATTACH_REUSEPORT_CBPF).
 
 It hashes source address and port of a datagram, looks the hash up in a sorted list, and returns the place of a socket in the
 group: 0, the front, for whoever is not in the list. Two peers may have the same hash: a receiver has to look at the sender.
