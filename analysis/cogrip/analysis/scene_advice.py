@@ -42,6 +42,16 @@ def _contact(scene: Scene) -> Iterator[Finding]:
         yield Finding("contact", f"contact that creates no energy is set: {', '.join(scene.filled)}")
     if scene.changed:
         yield Finding("contact", changed_words(scene.changed), "note")
+    if any(each.endswith(" margin") and not each.startswith(("joint", "tendon")) for each in scene.own):
+        text = "bodies rest where their surfaces meet, whatever margin the scene sets: MuJoCo alone keeps them that far apart"
+        yield Finding("contact", text, "note")
+    option = scene.model.opt
+    if medium := [f"{key} {getattr(option, key):g}" for key in ("density", "viscosity") if getattr(option, key) > 0.0]:
+        wind = f", wind {', '.join(f'{each:g}' for each in option.wind)} m/s" if np.any(option.wind) else ""
+        text = (
+            f"the scene's medium ({', '.join(medium)}{wind}) acts on added tools as on all bodies: nowhere is free air"
+        )
+        yield Finding("medium", text, "note")
     inside = overlaps(scene)
     for each in inside[:MOST_NAMED]:
         yield Finding("contact", each.text, "note")
