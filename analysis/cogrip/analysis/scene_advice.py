@@ -8,7 +8,7 @@ from cogrip.analysis.advice import gaps, overloads, unbounded
 from cogrip.analysis.finding import Finding, Level, plain
 from cogrip.analysis.line_advice import free_tool, loop_s, press_n, pressed, stroke_s
 from cogrip.analysis.linear_session import seats_on_devices
-from cogrip.analysis.scene_overlaps import outside_ranges, overlaps
+from cogrip.analysis.scene_overlaps import DEEP_M, outside_ranges, overlaps
 from cogrip.devices.for_user import make_for
 from cogrip.machine.addition import add_floats
 from cogrip.protocol.axes import GRIP_AXES
@@ -52,8 +52,10 @@ def _contact(scene: Scene) -> Iterator[Finding]:
             f"the scene's medium ({', '.join(medium)}{wind}) acts on added tools as on all bodies: nowhere is free air"
         )
         yield Finding("medium", text, "note")
+    inside = overlaps(scene)
+    deep: Level = "warning" if any(each.depth_m >= DEEP_M for each in inside) else "note"
     levels: tuple[tuple[list[str], str, Level], ...] = (
-        ([each.text for each in overlaps(scene)], "pairs of bodies are inside of each other", "note"),
+        ([each.text for each in inside], "pairs of bodies are inside of each other", deep),
         (outside_ranges(scene), "joints begin outside of their range", "warning"),
     )
     for texts, more, level in levels:

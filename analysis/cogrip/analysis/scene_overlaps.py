@@ -15,6 +15,9 @@ _OF_ONE = {_SLIDE: 1e-3, int(mujoco.mjtJoint.mjJNT_HINGE): 0.02}
 """Kinds of joints of one coordinate, with how far outside of its range is told [m, rad]."""
 
 
+DEEP_M = 5e-3  # least depth at which what is pushed apart may hit a hand
+
+
 class Overlap(NamedTuple):
     """Two bodies by their names, and how deep they are in each other at first."""
 
