@@ -165,7 +165,7 @@ class CoresFrame:
             booked = person.latency_ticks if person.encoder == "displacement" else 0
             client.set_latency(booked)
             for wave in own[device.states : device.states + booked][::-1].tolist():
-                client.late.push(((wave,), 1.0, 1.0, None, client._b))
+                client.late.push(((wave,), 1.0, 1.0, None, client.b))
             lag = person.filter_lag_s * person.rates.device_hz
             if lag:  # its state stands behind the waves on the way down, and before those on the way up
                 client.down.filter._content, client.up.filter._content = [lag * float(down[-1])], [lag * float(up[0])]
@@ -177,7 +177,7 @@ class CoresFrame:
             if split:
                 client.up.decimator._sum = axes([float(own[-1]) * self.ticks])
             sent = self.run_ticks(client, person, device)
-            waves = [client.late.push(((0.0,), 1.0, 1.0, None, client._b))[0][0] for _ in range(booked)]  # oldest first
+            waves = [client.late.push(((0.0,), 1.0, 1.0, None, client.b))[0][0] for _ in range(booked)]  # oldest first
             after = [*device.state(), *reversed(waves)]
             if person.decimator == "lowpass":
                 after += client.up.decimator._state

@@ -9,9 +9,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from cogrip.client.hand.further_axes import in_lengths
 from cogrip.client.hand.grip_axes import GripAxes
 from cogrip.client.hand.hand_map import HandMap
-from cogrip.client.hand.pose_axes import in_lengths
 from cogrip.client.safety.device_port import cure
 from cogrip.devices.device import Gripper, Sample
 from cogrip.devices.registry import make

@@ -8,8 +8,9 @@ from typing import Any
 
 import pytest
 
+from cogrip.client.hand.further_axes import in_lengths
 from cogrip.client.hand.handle import HandleReader, has_handle
-from cogrip.client.hand.pose_axes import PoseAxes, in_lengths
+from cogrip.client.hand.pose_axes import PoseAxes
 from cogrip.devices import make
 from cogrip.devices.device import Sample
 from cogrip.devices.for_user import FirstAxes

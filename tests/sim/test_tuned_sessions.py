@@ -106,7 +106,7 @@ def test_a_line_follows_a_delay_that_nobody_announced(tmp_path: Path, before_ms:
     since: set[int] = set()
 
     def look(laboratory: Laboratory) -> None:
-        seen.append([line._b for line in lines_of(laboratory)])
+        seen.append([line.b for line in lines_of(laboratory)])
         since.add(lines_of(laboratory)[0]._since)
 
     laboratory.run(each_frame=look)

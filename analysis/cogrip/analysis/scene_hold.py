@@ -109,7 +109,7 @@ def hold(
     found = approaches(scene.model, scene.start, tools, sides, scene.object)
     if found is None:
         return Hold(body, press_n, (), f"{body} has no two sides along x at which both tools touch it and nothing else")
-    tried = []
+    tried: list[Held] = []
     for delay_ms in delays_ms:
         result = _session(settings, scene, found, (weight_n, press_n), delay_ms, body, stopped)
         if result is None:

@@ -24,10 +24,10 @@ from cogrip.machine.histogram import DurationHistogram
 from cogrip.machine.tick_count import Percentiles, TickCount
 from cogrip.protocol.settings.seat import SeatSettings
 from cogrip.protocol.wire.accounts import ClientAccount, DelayAccount
-from cogrip.protocol.wire.messages import Bodies, Effects, Geom, Hello, Mark, Person, SetHand, Stamp, Waves, encode
+from cogrip.protocol.wire.messages import Bodies, Effects, Geom, Hello, Mark, Note, Person, SetHand, Stamp, Waves, encode
 from cogrip.protocol.wire.session import ClientSession
 
-TOLD = Person, Bodies, Geom, Mark, SetHand, Effects
+TOLD = Person, Bodies, Geom, Mark, Note, SetHand, Effects
 
 
 class Delays:
@@ -118,7 +118,7 @@ class ClientCore:
         if isinstance(message, Mark) and self.markers.receive(message, seated.settings.seat):
             self.marked.append(message.text)
         if isinstance(message, SetHand):
-            seated.receive_change(message)
+            seated.orders.receive(message)
         if isinstance(message, Effects):
             self.outbox.append(encode(seated.receive_effects(message)))
 
@@ -132,7 +132,7 @@ class ClientCore:
         session.poll(now_ns)
         if session.state != "seated":
             return
-        changes = seated.changes
+        changes = seated.orders.changes
         if self.markers.pending():
             session.outbox.extend(map(encode, self.markers.due(seated.session_id, now_ns)))
         if changes.pending():
@@ -270,7 +270,7 @@ HANDLERS: Mapping[type[ClientInput], Callable[[ClientCore, Any], ClientAccount |
     inputs.Stop: lambda core, given: core._stop(),
     inputs.Rearm: lambda core, given: core._seat.rearm(),
     inputs.Clutch: lambda core, given: core._seat.clutch(given.held),
-    inputs.SetHand: lambda core, given: core._seat.set_hand(given.change),
+    inputs.SetHand: lambda core, given: core._seat.orders.order(given.change),
     inputs.Mark: lambda core, given: core._mark(given.text),
     inputs.CloseLedger: lambda core, given: core._close_ledger(given.ticks),
     inputs.Leave: lambda core, given: core._leave(given.reason),

@@ -304,10 +304,10 @@ class LiveClient:
 
     def _tell_changes(self) -> None:
         """Tell the person what the administrator has set."""
-        if (seat := self._core.seated) is not None and seat.changes.reported != self._told:
-            if seat.changes.reported:  # else a new session has begun
-                self.say(f"the administrator has set your hand: {seat.changes.holds.text}")
-            self._told = seat.changes.reported
+        if (seat := self._core.seated) is not None and seat.orders.changes.reported != self._told:
+            if seat.orders.changes.reported:  # else a new session has begun
+                self.say(f"the administrator has set your hand: {seat.orders.changes.holds.text}")
+            self._told = seat.orders.changes.reported
 
     def _set_hand(self, seat: SeatSettings, text: str, now_ns: int) -> None:
         """Change the person's own hand settings."""

@@ -63,7 +63,7 @@ class TickRecord:
     ) -> bytes:  # fmt: skip
         """Return the record of the tick that has been sensed with this sample and has given this force. timing: see `Tick`."""
         coupling, ledger, port = seat.coupling, seat.ledger, seat.port
-        velocity = tuple(seat.hand.velocity_mps if seat._axis_units is None else seat.twist)
+        velocity = tuple(seat.twist)
         position = given = unfit = orientation = grip_m = None
         age_ticks = buttons = 0
         if sample is not None:

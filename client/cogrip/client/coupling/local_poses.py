@@ -12,69 +12,67 @@ as the server's end is clear as well. What the hand has moved and s has not show
 from collections.abc import Sequence
 
 from cogrip.client.coupling.interface import Row
-from cogrip.client.coupling.local_scene import LocalScene
-from cogrip.client.coupling.wave_coupling import WaveCoupling
+from cogrip.client.coupling.local_contact import LocalCoupling
+from cogrip.client.coupling.local_scene import SceneContact
 from cogrip.protocol.axes import PLACES
 from cogrip.protocol.settings.seat import SeatSettings
 
 _NONE = (0.0,) * PLACES
 
 
-class LocalPoses(LocalScene):
-    """See `LocalScene`. Rows have the axes of turning, as lengths, behind those of the places."""
+class PoseContact(SceneContact):
+    """Contact of a tool that its hand turns. Rows have the axes of turning, as lengths, behind those of the places."""
 
-    def __init__(self, seat: SeatSettings) -> None:
-        super().__init__(seat)
+    late = True  # Turning is a wave port at the hand: what an old sample shows was done against the wave of then.
+
+    def __init__(self, seat: SeatSettings, line: LocalCoupling) -> None:
+        super().__init__(seat, line)
         self._turning: Row = (0.0,) * (seat.object.axes - PLACES)
 
-    def set_latency(self, ticks: int) -> None:
-        """Turning is a wave port at the hand: what an old sample shows was done against the wave of then."""
-        WaveCoupling.set_latency(self, ticks)
-
     def gap(self) -> bool:
-        return self._leaving or self.down.receiver.gap
+        return self._leaving or self._line.down.receiver.gap
 
-    def start_frame(self) -> int:
-        ticks = WaveCoupling.start_frame(self)
+    def start_frame(self) -> None:
         if self.engaged_m is not None:
-            self._share = min(1.0, self._share + self._growth)
-        return ticks
+            self._grow()
 
     def elapse_absent(self) -> None:
-        if self._position is not None:
-            self._release()
-        self._leave_line()
+        if self.position_m is not None:
+            self.release()
+        self._line.leave_line()
         self._end_leaving()
 
-    def _move(self, applied_n: Sequence[float], mean_velocity_mps: Sequence[float]) -> None:
+    def elapse(self, applied_n: Sequence[float], mean_velocity_mps: Sequence[float]) -> None:
+        line = self._line
         x, y, z = self._go_on(applied_n[:PLACES], mean_velocity_mps[:PLACES])
-        s, cut_n = self._port_share(), self.cut_n
+        s, cut_n = self._port_share(), line.cut_n
         if cut_n is not None:  # of the places it is mostly the contact's, which the line does not see at all
             lost_n = self._free(cut_n[:PLACES]) if s == 1.0 else _NONE
-            self.cut_n = *lost_n, *cut_n[PLACES:]
-        self._enter_line((s * x, s * y, s * z, *mean_velocity_mps[PLACES:]))
-        self.cut_n = cut_n
+            line.cut_n = *lost_n, *cut_n[PLACES:]
+        line.enter_line((s * x, s * y, s * z, *mean_velocity_mps[PLACES:]))
+        line.cut_n = cut_n
         self._end_leaving()
         if s < 1.0 and self.engaged_m is not None:
-            hidden = (1.0 - s) * self._root / self.frame_ticks
-            self.up.withhold((hidden * x, hidden * y, hidden * z, *self._turning))
+            hidden = (1.0 - s) * line.root / line.frame_ticks
+            line.up.withhold((hidden * x, hidden * y, hidden * z, *self._turning))
 
     def _end_leaving(self) -> None:
         if self.engaged_m is None:
             self._leaving = False
 
     def force(self, position_m: Sequence[float], velocity_mps: Sequence[float]) -> list[float]:
-        damping, s = self._press(tuple(position_m[:PLACES])), self._port_share()
+        self._press(tuple(position_m[:PLACES]))
+        line, spring, s = self._line, self.spring, self._port_share()
         x, y, z, *turning = velocity_mps
-        reduced = self.reduced
-        line_n = WaveCoupling.force(self, position_m, (s * x, s * y, s * z, *turning))
-        self.reduced = self.reduced or reduced
+        reduced = line.reduced
+        line_n = line.line_force(position_m, (s * x, s * y, s * z, *turning))
+        line.reduced = line.reduced or reduced
         size, (i, j, k) = 0.0, self._along
         if self._depth > 0.0:
-            size = max(0.0, self._stiffness * self._depth + damping * (i * x + j * y + k * z))
-        (a, b, c), local_n = self._shown(self.local_n[:PLACES], s), self.local_n
-        watched = self._watched * size
-        self.local_n = (a + watched * i, b + watched * j, c + watched * k, *local_n[PLACES:])
+            size = max(0.0, spring.stiffness * self._depth + spring.damping * (i * x + j * y + k * z))
+        (a, b, c), local_n = self._shown(line.local_n[:PLACES], s), line.local_n
+        watched = spring.watched * size
+        line.local_n = (a + watched * i, b + watched * j, c + watched * k, *local_n[PLACES:])
         a, b, c = self._shown(line_n[:PLACES], s)
         return [a + size * i, b + size * j, c + size * k, *line_n[PLACES:]]
 

@@ -14,11 +14,9 @@ as well: a line that presses the hand onto it would else throw it back at once, 
 from collections.abc import Sequence
 from math import sqrt
 
-from msgspec.structs import replace
-
 from cogrip.client.coupling.fixed_shapes import KINDS, FixedShape, Vector
-from cogrip.client.coupling.interface import Coupling, Row
-from cogrip.client.coupling.local_contact import LocalCoupling
+from cogrip.client.coupling.interface import Row
+from cogrip.client.coupling.local_contact import Contact, LocalCoupling
 from cogrip.client.coupling.proxy import Ball, Proxy, without
 from cogrip.protocol.axes import PLACES
 from cogrip.protocol.drawing import MOST_LOCAL, MOST_PAIRS, Shape
@@ -28,11 +26,14 @@ from cogrip.protocol.wire.messages import Geom, Waves
 GROW_S = 0.1
 
 
-class LocalScene(LocalCoupling):
-    """engaged_m: where the tool was when it was engaged, in the hand's own frame; None while it is clear."""
+class SceneContact(Contact):
+    """Fixed geometry of a scene, and the line where a body that moves is near.
 
-    def __init__(self, seat: SeatSettings) -> None:
-        super().__init__(seat)
+    engaged_m: where the tool was when it was engaged, in the hand's own frame; None while it is clear
+    """
+
+    def __init__(self, seat: SeatSettings, line: LocalCoupling) -> None:
+        super().__init__(seat, line)
         self._number = seat.seat
         self._geoms: dict[int, Geom] = {}
         self._proxy = Proxy((), ())
@@ -82,41 +83,39 @@ class LocalScene(LocalCoupling):
 
     # The line
 
-    def go_on_from(self, before: Coupling) -> None:
+    def go_on_from(self, before: Contact) -> None:
         super().go_on_from(before)
-        if isinstance(before, LocalScene):  # what the hand presses on does not vanish under it
+        if isinstance(before, SceneContact):
             self._proxy, self._shapes = before._proxy, before._shapes
             self._yielded, self._gated = before._yielded, before._gated
 
-    def receive(self, message: Waves) -> bool:
-        axes, newest = len(self.sent), self.newest
-        state = message.state
-        if len(state) not in (2 * axes, 2 * axes + PLACES) or not super().receive(
-            replace(message, state=state[: 2 * axes])
-        ):
-            return False
-        if self.newest > newest:
-            engaged = state[2 * axes :] or None
-            if engaged is not None and engaged != self.engaged_m and self._position is not None:
-                behind = [self._root * (p - q) / self._frame_s for p, q in zip(self.proxy_m, engaged, strict=True)]
-                self.up.withhold(behind, anew=True)
-                self._share = 0.0
-            elif engaged is None and self.engaged_m is not None:
-                self.up.withhold((0.0,) * PLACES, anew=True)  # a tool that is clear has no deficit
-                self._leaving = True
-            self.engaged_m = engaged
-        return True
+    def fits(self, message: Waves) -> bool:
+        """Return whether a message has the object's state, and where the tool is engaged the place of that behind it."""
+        own = len(self._line.object_state)
+        return len(message.state) in (own, own + PLACES)
 
-    def start_frame(self) -> int:
-        ticks = super().start_frame()
+    def told(self, state: Row) -> None:
+        line, engaged = self._line, state or None
+        if engaged is not None and engaged != self.engaged_m and self.position_m is not None:
+            behind = [line.root * (p - q) / self._frame_s for p, q in zip(self.proxy_m, engaged, strict=True)]
+            line.up.withhold(behind, anew=True)
+            self._share = 0.0
+        elif engaged is None and self.engaged_m is not None:
+            line.up.withhold((0.0,) * PLACES, anew=True)  # a tool that is clear has no deficit
+            self._leaving = True
+        self.engaged_m = engaged
+
+    def start_frame(self) -> None:
         if self.engaged_m is not None:
-            self._share = min(1.0, self._share + self._growth)
-            self.down.gain *= self._share
-        return ticks
+            self._grow()
+            self._line.down.gain *= self._share
+
+    def _grow(self) -> None:
+        self._share = min(1.0, self._share + self._growth)
 
     def gap(self) -> bool:
         """True where the line's force ends, too: it falls softly."""
-        return self._leaving or (self.engaged_m is not None and self.down.receiver.gap)
+        return self._leaving or (self.engaged_m is not None and self._line.down.receiver.gap)
 
     @property
     def pressed(self) -> tuple[float, Sequence[float]]:
@@ -124,46 +123,46 @@ class LocalScene(LocalCoupling):
 
     @property
     def stored_j(self) -> float:
-        return self._spring_j(self._depth)
+        return self.spring.stored_j(self._depth, self._line.ramp_gain)
 
     # The law
 
-    def _release(self) -> None:
-        super()._release()
+    def release(self) -> None:
+        super().release()
         self._proxy.release()
         self._gated = True
 
-    def _move(self, applied_n: Sequence[float], mean_velocity_mps: Sequence[float]) -> None:
-        velocity_mps = self._go_on(applied_n, mean_velocity_mps)
+    def elapse(self, applied_n: Sequence[float], mean_velocity_mps: Sequence[float]) -> None:
+        line, velocity_mps = self._line, self._go_on(applied_n, mean_velocity_mps)
         if self.engaged_m is None:
-            self._leave_line()
+            line.leave_line()
             self._leaving = False
             return
         if self._share == 1.0:
-            self._enter_line(velocity_mps)
+            line.enter_line(velocity_mps)
             return
-        written_off, self.down.written_off = self.down.written_off, [0.0] * PLACES
-        self._enter_line(velocity_mps)
+        written_off, line.down.written_off = line.down.written_off, [0.0] * PLACES
+        line.enter_line(velocity_mps)
         # what the gain at the beginning leaves is no deficit of the line: it is this end that shows it later
-        self.up.withhold([each / self.frame_ticks for each in self.down.written_off])
-        self.down.written_off = written_off
+        line.up.withhold([each / line.frame_ticks for each in line.down.written_off])
+        line.down.written_off = written_off
 
     def _go_on(self, applied_n: Sequence[float], mean_velocity_mps: Sequence[float]) -> Vector:
         """Enter a tick of the hand's places, where there is one. Return the mean velocity of the proxy."""
         p, q, r = self.proxy_m
-        if self._position is not None:
-            (x, y, z), T = self._position, self._tick_s
+        if self.position_m is not None:
+            (x, y, z), T = self.position_m, self._tick_s
             i, j, k = mean_velocity_mps
             if self._gated and self._depth > 0.0:
                 (a, b, c), (f, g, h) = self._along, applied_n
-                self.gate.saved_j += (a * f + b * g + c * h) * (a * i + b * j + c * k) * T
-            self._position = x + T * i, y + T * j, z + T * k
+                self.spring.gate.saved_j += (a * f + b * g + c * h) * (a * i + b * j + c * k) * T
+            self.position_m = x + T * i, y + T * j, z + T * k
             self._follow()
         (x, y, z), rate = self.proxy_m, self._rate_hz
         return rate * (x - p), rate * (y - q), rate * (z - r)
 
     def _follow(self) -> None:
-        proxy, hand = self._proxy, self._position
+        proxy, hand = self._proxy, self.position_m
         assert hand is not None
         x, y, z = hand
         self.proxy_m = p, q, r = proxy.follow((x, y, z))
@@ -177,16 +176,16 @@ class LocalScene(LocalCoupling):
 
     def _yield(self) -> None:
         """Render no more of the depth than has been paid for, and all of it again as the hand leaves or pays."""
-        whole = self._depth
+        whole, gain = self._depth, self._line.ramp_gain
         if not self._gated:
             self._gated = True
-            self.gate.begin(self._spring_j(whole))
+            self.spring.gate.begin(self.spring.stored_j(whole, gain))
         self._depth = depth = max(0.0, whole - self._yielded)
-        if (kept := self._kept_m(depth)) < depth:
+        if (kept := self.spring.kept_m(depth, gain)) < depth:
             self._depth = kept
         elif depth < whole:
-            self._depth = self.gate.grown(depth, whole, self._stiffness)
-            self.gate.move(self._spring_j(self._depth))
+            self._depth = self.spring.gate.grown(depth, whole, self.spring.stiffness)
+            self.spring.gate.move(self.stored_j)
         self._yielded = whole - self._depth
 
     def _free(self, line_n: Sequence[float]) -> Row:
@@ -197,33 +196,35 @@ class LocalScene(LocalCoupling):
         return a + gain * (x - a), b + gain * (y - b), c + gain * (z - c)
 
     def force(self, position_m: Sequence[float], velocity_mps: Sequence[float]) -> list[float]:
-        damping = self._press(tuple(position_m))
+        self._press(tuple(position_m))
+        line, spring = self._line, self.spring
         total: Sequence[float] = [0.0] * PLACES
-        self.local_n = total
+        line.local_n = total
         if self.engaged_m is not None:
-            reduced = self.reduced
-            total = super().force(position_m, velocity_mps)
+            reduced = line.reduced
+            total = line.line_force(position_m, velocity_mps)
             if self._left:
-                total, self.local_n = self._free(total), self._free(self.local_n)
-            self.reduced = self.reduced or reduced
+                total, line.local_n = self._free(total), self._free(line.local_n)
+            line.reduced = line.reduced or reduced
         if self._depth > 0.0:
             i, j, k = self._along
-            speed = damping * (i * velocity_mps[0] + j * velocity_mps[1] + k * velocity_mps[2])
-            size = max(0.0, self._stiffness * self._depth + speed)
-            (a, b, c), watched = self.local_n, self._watched * size
-            self.local_n = a + watched * i, b + watched * j, c + watched * k
+            speed = spring.damping * (i * velocity_mps[0] + j * velocity_mps[1] + k * velocity_mps[2])
+            size = max(0.0, spring.stiffness * self._depth + speed)
+            (a, b, c), watched = line.local_n, spring.watched * size
+            line.local_n = a + watched * i, b + watched * j, c + watched * k
             a, b, c = total
             return [a + size * i, b + size * j, c + size * k]
         return list(total)
 
-    def _press(self, place_m: Row) -> float:
-        """Enter where the hand is: how deep, on which surfaces. Return the damping of contact."""
-        damping = self._carry()
-        anew = self._position is None
-        self._position = place_m
+    def _press(self, place_m: Row) -> None:
+        """Enter where the hand is: how deep, on which surfaces."""
+        self.spring.carry(self._line.carried_nspm)
+        self._line.reduced = self.spring.reduced
+        anew = self.position_m is None
+        self.position_m = place_m
         if anew:
             self._follow()
-        if self.ramp_gain < 1.0 or self._yielded > 0.0:
+        if self._line.ramp_gain < 1.0 or self._yielded > 0.0:
             self._yield()
         else:
             self._gated = False
@@ -232,4 +233,3 @@ class LocalScene(LocalCoupling):
         elif self._left:
             self._regained += self._tick_s / GROW_S
             self._left = self._left if self._regained < 1.0 else ()
-        return damping

@@ -6,9 +6,10 @@ A new one also needs a row with its properties and one at the server: docs/desig
 from collections.abc import Callable
 
 from cogrip.client.coupling.interface import Coupling
-from cogrip.client.coupling.local_contact import LocalFaces, LocalWall
-from cogrip.client.coupling.local_poses import LocalPoses
-from cogrip.client.coupling.local_scene import LocalScene
+from cogrip.client.coupling.local_contact import LocalCoupling
+from cogrip.client.coupling.local_poses import PoseContact
+from cogrip.client.coupling.local_scene import SceneContact
+from cogrip.client.coupling.local_surface import Face, Wall
 from cogrip.client.coupling.passivity_control import PassivityControl
 from cogrip.client.coupling.virtual_coupling import VirtualCoupling
 from cogrip.client.coupling.wave_coupling import WaveCoupling
@@ -21,10 +22,9 @@ MakeCoupling = Callable[[SeatSettings], Coupling]
 
 def make_local(seat: SeatSettings) -> Coupling:
     """Return the coupling with local contact of a seat's kind of object."""
-    makers: dict[str, MakeCoupling] = {
-        "wall": LocalWall, "faces": LocalFaces, "scene": LocalPoses if seat.object.axes == POSE_AXES else LocalScene,
-    }  # fmt: skip
-    return makers[seat.object.kind](seat)
+    scene = PoseContact if seat.object.axes == POSE_AXES else SceneContact
+    contacts = {"wall": Wall, "faces": Face, "scene": scene}
+    return LocalCoupling(seat, contacts[seat.object.kind])
 
 
 SCHEMES: dict[Kind, MakeCoupling] = {

@@ -46,12 +46,17 @@ OPEN = 0.5  # fraction of a wave that a released end reflects: with more it yiel
 
 
 class WaveCoupling(Coupling):
-    """The client's end of a wave line in each direction, `up` and `down`. forward: u of the last tick; late: its ticks."""
+    """The client's end of a wave line in each direction, `up` and `down`.
+
+    b, root  impedance b [N s/m] in use, and sqrt(2b)
+    forward  u of the last tick
+    late     waves that wait for their ticks, where samples are old
+    """
 
     __slots__ = (
-        "_acknowledged", "_answered", "_applied", "_b", "_began", "_filters_hz", "_from_displacement", "_half_tick_s",
-        "_impedances", "_late_ticks", "_made_nspm", "_most_motion", "_most_wave", "_ratio", "_root", "_series", "_since",
-        "_tick_s", "_tuner", "down", "down_reserve", "energy", "forward", "late", "loops", "up",
+        "_acknowledged", "_answered", "_applied", "_began", "_filters_hz", "_from_displacement", "_half_tick_s",
+        "_impedances", "_late_ticks", "_made_nspm", "_most_motion", "_most_wave", "_ratio", "_series", "_since",
+        "_tick_s", "_tuner", "b", "down", "down_reserve", "energy", "forward", "late", "loops", "root", "up",
     )  # fmt: skip
 
     def __init__(self, seat: SeatSettings) -> None:
@@ -59,12 +64,12 @@ class WaveCoupling(Coupling):
         self.absorbs = True
         axes, tick_s, coupling = seat.object.axes, seat.rates.tick_s, seat.coupling
         self._tick_s = tick_s
-        self._b = coupling.impedance_nspm
-        self._root = device_gain(self._b)
+        self.b = coupling.impedance_nspm
+        self.root = device_gain(self.b)
         self._half_tick_s = 0.5 * tick_s
         self._tuner = LineTuner(seat) if seat.line.live else None
         self._since = 0  # number of the first frame with the impedance of now
-        self._answered = ImpedanceChanges(self._b)  # of the returning frames, as they were made
+        self._answered = ImpedanceChanges(self.b)  # of the returning frames, as they were made
         self._from_displacement = coupling.encoder == "displacement"
         self._most_wave = inf
         self._most_motion = inf, inf
@@ -72,7 +77,7 @@ class WaveCoupling(Coupling):
         self._late_ticks = 0
         self._series = SeriesImpedance(axes, tick_s)
         self._ratio = 1.0  # r of this tick
-        self._made_nspm = self._b  # with which the wave that plays now was made
+        self._made_nspm = self.b  # with which the wave that plays now was made
         self._acknowledged = 0  # frames that the server had played when it sent its newest message
         self._began = 0  # tick of the line at which the wave began to be applied
         self._applied = 0  # ticks for which the wave from the server had been applied when the newest frame ended
@@ -80,7 +85,7 @@ class WaveCoupling(Coupling):
         self.up, self.down = ForwardLine(seat), ReturningLine(seat)
         self.energy = self.up.energy
         self._impedances, self._filters_hz = (
-            (self._b, self._b),
+            (self.b, self.b),
             (self._filter_hz, self._filter_hz),
         )  # least and most in use
         self.loops = LoopMeter(seat.rates.network_hz, seat.rates.ticks_per_frame)
@@ -100,7 +105,7 @@ class WaveCoupling(Coupling):
             self._tuner.carried_nspm = largest_impedance(record, self._tick_s).impedance_nspm
             if not self.up.sender.next_number:
                 self.tune(self._tuner.begin())
-        self._most_wave = wave_of(self._b, *self._most_motion)
+        self._most_wave = wave_of(self.b, *self._most_motion)
 
     def go_on_from(self, before: Coupling) -> None:
         super().go_on_from(before)
@@ -109,7 +114,7 @@ class WaveCoupling(Coupling):
 
     def tune(self, found: Tuning) -> None:
         """Have this impedance and filter from the next frame on (theory 7.3)."""
-        up, down, ratio = self.up, self.down, found.impedance_nspm / self._b
+        up, down, ratio = self.up, self.down, found.impedance_nspm / self.b
         lag_ticks = found.filter_lag_s / self._tick_s
         if not up.filter.lag_ticks == down.filter.lag_ticks == lag_ticks or ratio != 1.0:
             up.withhold([left / self.frame_ticks for left in up.filter.retune(lag_ticks, ratio)])
@@ -123,14 +128,14 @@ class WaveCoupling(Coupling):
             return
         gain = min(1.0, 1.0 / sqrt(ratio))
         self.returning = tuple([gain * wave for wave in self.returning])
-        self._b, self._since = found.impedance_nspm, up.sender.next_number
-        self._root = device_gain(self._b)
-        self._most_wave = wave_of(self._b, *self._most_motion)
+        self.b, self._since = found.impedance_nspm, up.sender.next_number
+        self.root = device_gain(self.b)
+        self._most_wave = wave_of(self.b, *self._most_motion)
 
     def set_latency(self, ticks: int) -> None:
         """Samples are `ticks` ticks old from now on. A velocity sample goes with the wave of its own force."""
         self._late_ticks = ticks if self._from_displacement else 0
-        self.late.set_ticks(self._late_ticks, ((0.0,) * len(self.sent), 1.0, 1.0, None, self._b))
+        self.late.set_ticks(self._late_ticks, ((0.0,) * len(self.sent), 1.0, 1.0, None, self.b))
 
     def gap(self) -> bool:
         return self.down.receiver.gap
@@ -140,10 +145,10 @@ class WaveCoupling(Coupling):
         up, down, energy = self.up, self.down, self.energy
         up.ticks += 1
         velocity = mean_velocity_mps if self._from_displacement else velocity_mps
-        wave, gain, ratio, cut, b = self.returning, down.gain, self._ratio, self.cut_n, self._b
+        wave, gain, ratio, cut, b = self.returning, down.gain, self._ratio, self.cut_n, self.b
         if self._late_ticks:
             wave, gain, ratio, cut, b = self.late.push((wave, gain, ratio, cut, b))
-        full = root = self._root if b == self._b else device_gain(b)
+        full = root = self.root if b == self.b else device_gain(b)
         if ratio != 1.0 or cut is not None or self._series.deflected:
             impedance = gain * gain * b
             per_wave = (1.0 - ratio) * gain * root / impedance
@@ -189,7 +194,7 @@ class WaveCoupling(Coupling):
         self._series.reset()
         up.decimator.push(forward)
         if self._late_ticks:
-            wave = self.late.push((wave, self.down.gain, self._ratio, self.cut_n, self._b))[0]
+            wave = self.late.push((wave, self.down.gain, self._ratio, self.cut_n, self.b))[0]
         for v in wave:
             self.energy.used_now_j += v * v * self._half_tick_s
 
@@ -219,7 +224,7 @@ class WaveCoupling(Coupling):
 
     def _play(self, wave: Row, ticks: int) -> None:
         most = self._most_wave
-        if self._made_nspm != self._b:
+        if self._made_nspm != self.b:
             wave = self._read(wave, ticks)
         self.implausible = max(wave) > most or min(wave) < -most
         if self.implausible:
@@ -228,12 +233,12 @@ class WaveCoupling(Coupling):
 
     def _read(self, wave: Row, ticks: int) -> Row:
         """Return a wave that was made with another impedance as one of this: scaled by at most 1 (theory 7.3)."""
-        wanted = sqrt(self._b / self._made_nspm)
+        wanted = sqrt(self.b / self._made_nspm)
         return self.down.receiver.scale(wave, min(1.0, 1.0 / wanted), wanted, ticks)
 
     def force(self, position_m: Sequence[float], velocity_mps: Sequence[float]) -> list[float]:
         """Return F = b xdot - sqrt(2b) v (P eq. 16), with the velocity estimated now."""
-        b, root, gain, deflected = self._b, self._root, self.down.gain, self._series.deflected
+        b, root, gain, deflected = self.b, self.root, self.down.gain, self._series.deflected
         if gain != 1.0:
             b *= gain * gain
             root *= gain
@@ -266,7 +271,7 @@ class WaveCoupling(Coupling):
         tuned = self._tuner is not None
         return encode_waves(
             session, self.up.sender, self.energy.made_j, self.port_j, self.down.receiver.acknowledged, clock, now_ns,
-            origin_m + position_m, self.up.phase, self._b if tuned else 0.0, self._since if tuned else 0, 0, self._applied,
+            origin_m + position_m, self.up.phase, self.b if tuned else 0.0, self._since if tuned else 0, 0, self._applied,
             handle,
         )  # fmt: skip
 
@@ -289,7 +294,7 @@ class WaveCoupling(Coupling):
     def _play_overdue(self, ticks: int) -> None:
         """Play a frame that has come while its filling was played, for the ticks that are left."""
         receiver = self.down.receiver
-        if self._made_nspm != self._b:
+        if self._made_nspm != self.b:
             self._read(receiver.popped, -ticks)
         self.down.filter.cut(ticks)
         self._play(receiver.play_overdue(ticks), ticks)
@@ -341,13 +346,13 @@ class WaveCoupling(Coupling):
     def seat_now(self) -> SeatSettings:
         seat = self._seat
         coupling, line = (
-            replace(seat.coupling, impedance_nspm=self._b),
+            replace(seat.coupling, impedance_nspm=self.b),
             replace(seat.line, wave_filter_hz=self._filter_hz),
         )
         return replace(seat, coupling=coupling, line=line)
 
     def line_account(self) -> LineAccount:
-        return LineAccount(self._b, *self._impedances, self._filter_hz, *self._filters_hz)
+        return LineAccount(self.b, *self._impedances, self._filter_hz, *self._filters_hz)
 
     def playout_account(self) -> PlayoutAccount | None:
         return self.down.receiver.playout_account()

@@ -31,6 +31,7 @@ class HandAids:
     """Limit and weight of one hand. `force` a tick; `share` what of it the hand felt.
 
     active   whether there is any force to give
+    asked_n  force of this tick, before limits [N], shape (axes,)
     extra_n  what the hand feels of it in the tick under way [N], shape (axes,)
     """
 
@@ -47,7 +48,7 @@ class HandAids:
         self._record, self._axes = record, record.axes
         self._height_m = None
         self._zero: Row = (0.0,) * record.axes
-        self.extra_n = self._zero
+        self.extra_n = self.asked_n = self._zero
         self._extras.set_ticks(record.latency_ticks, self._zero)
         self._most_n = record.continuous_force_n
         least_m = min(high - low for low, high in record.workspace_m)
@@ -118,10 +119,21 @@ class HandAids:
         """Return the energy in the limit's spring."""
         return add_floats([spring_j(self._stiffness_npm, depth, self._most_n) for depth, _ in self._depths(position_m)])
 
-    def share(self, extra_n: Sequence[float], wish_n: Sequence[float], force_n: Sequence[float]) -> None:
-        """Enter which force came of a wish with this extra one."""
-        felt = min(1.0, max(0.0, part_of(force_n, wish_n)))
-        self.extra_n = tuple([felt * extra for extra in extra_n])
+    def added(
+        self, force_n: Sequence[float], position_m: Sequence[float], velocity_mps: Sequence[float]
+    ) -> Sequence[float]:
+        """Return a law's force with that of both."""
+        if not self.active:
+            return force_n
+        self.asked_n = self.force(position_m, velocity_mps)
+        return [law + extra for law, extra in zip(force_n, self.asked_n, strict=True)]
+
+    def share(self, wish_n: Sequence[float] | None, force_n: Sequence[float]) -> None:
+        """Enter which force came of a wish that has `asked_n` in it; None for no wish."""
+        if not self.active:
+            return
+        felt = 0.0 if wish_n is None else min(1.0, max(0.0, part_of(force_n, wish_n)))
+        self.extra_n = tuple([felt * extra for extra in self.asked_n])
 
     def acting(self, elapsed: int) -> Sequence[float]:
         """Return the mean extra force over the ticks that samples now show."""

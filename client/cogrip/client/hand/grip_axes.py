@@ -10,16 +10,15 @@ and a port of impedance b on q is one of b_g on g: waves are the same, whichever
 
 from collections.abc import Sequence
 
-from cogrip.devices.device import Sample
+from cogrip.client.hand.axes import AxisUnits, Row
+from cogrip.devices.sample import Sample
 
-Row = tuple[float, ...]
 
-
-class GripAxes:
+class GripAxes(AxisUnits):
     """Turns samples of one device into lengths of one impedance, and forces back. length_scale: lambda of the seat."""
 
     def __init__(self, length_scale: float) -> None:
-        self.length_scale = length_scale
+        super().__init__(length_scale, further=True)
 
     def lengths(self, sample: Sample) -> Sample:
         """Return a sample of q and its rate."""
@@ -43,3 +42,6 @@ class GripAxes:
     def force(self, wrench: Sequence[float]) -> Row:
         """Return the f of a force and a force of the gripper [N]."""
         return (*wrench[:-1], wrench[-1] / self.length_scale)
+
+    def tool_pose(self, place_m: Row, turned_rad: Row) -> Row:
+        return self.pose(place_m)

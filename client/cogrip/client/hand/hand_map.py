@@ -13,6 +13,7 @@ holds whatever g and s are. A change of either, and the clutch, take the hand's 
 from collections.abc import Sequence
 from dataclasses import replace
 
+from cogrip.client.hand.frame import HandFrame, Row
 from cogrip.client.hand.velocity import largest_impedance
 from cogrip.devices.device import Capability
 from cogrip.machine.addition import add_floats
@@ -20,26 +21,18 @@ from cogrip.protocol.axes import PLACES, POSE_AXES
 from cogrip.protocol.laws.rotations import UNTURNED, Quaternion, exp, inverse, log, product, turned
 from cogrip.protocol.settings.tool_frame import ToolFrame
 
-Row = tuple[float, ...]
 
-
-class HandMap:
-    """The map of one seat of `axes` axes: lengths on all of them (`pose_axes`).
-
-    power_ratio  s / g^2: power at the hand by power at the tool
-    stiffest     impedance, or stiffness, at the hand by that of the tool: s; behind the places s / g^2, the larger counts
-    turns        whether the hand turns its tool
-    held         whether the clutch is held: the tool stands still; `asked` whether it is to be, whatever its button does
-    button       bit of that button in `Sample.buttons`
-    """
+class HandMap(HandFrame):
+    """The map of one seat of `axes` axes: lengths on all of them (`pose_axes`)."""
 
     def __init__(self, tool: ToolFrame, axes: int) -> None:
+        super().__init__()
         self._axes = axes
+        self.mapped = True
         self.turns = axes == POSE_AXES
         self._hand_m: Row = (0.0,) * axes
         self._tool_m: Row = self._hand_m
         self._turn: Quaternion = UNTURNED  # orientation of the tool where the hand's is none
-        self.held = self.asked = False
         self.begin(tool)
 
     def begin(self, tool: ToolFrame) -> None:

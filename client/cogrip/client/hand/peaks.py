@@ -2,8 +2,7 @@
 
 from math import dist, hypot
 
-from cogrip.client.hand.grip_axes import GripAxes
-from cogrip.client.hand.pose_axes import PoseAxes, Row
+from cogrip.client.hand.axes import AxisUnits, Row
 from cogrip.client.hand.row_size import change_surely_below, surely_below
 from cogrip.protocol.axes import PLACES
 
@@ -17,9 +16,9 @@ class Peaks:
     def __init__(self) -> None:
         self.force_n = self.further = self.step_n = self.travel_m = 0.0
 
-    def enter(self, force_n: Row, before_n: Row, axes: PoseAxes | GripAxes | None) -> None:
+    def enter(self, force_n: Row, before_n: Row, axes: AxisUnits) -> None:
         """Update the largest values by the force of a tick and that of the tick before, shape (axes,)."""
-        if axes is not None:
+        if axes.further:
             self.further = max(self.further, axes.length_scale * hypot(*force_n[PLACES:]))
             force_n, before_n = force_n[:PLACES], before_n[:PLACES]
         if len(force_n) == 1:

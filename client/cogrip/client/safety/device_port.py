@@ -194,6 +194,12 @@ class DevicePort:
             INJECTED_FRACTION * self.carried_nspm * min(1.0, (used - TOLERATED_FRACTION) / (1.0 - TOLERATED_FRACTION))
         )
 
+    def damped(self, force_n: Sequence[float], velocity_mps: Sequence[float]) -> Sequence[float]:
+        """Return the law's force [N] with the injected damper's, shape (axes,)."""
+        if self.balance_j >= 0.0 or not (injected := self.injected_nspm):
+            return force_n
+        return [law + injected * speed for law, speed in zip(force_n, velocity_mps, strict=True)]
+
     def limit(self, force_n: Sequence[float]) -> Sequence[float]:
         """Return the law's force [N], shape (axes,), scaled down to the bound on |F(k)| above where E + E_1 is small."""
         left_j = self.balance_j + self._usable_j

@@ -35,7 +35,7 @@ def account_of(seat: SeatedClient, ticks: TickCount, rtt_ms: Percentiles, delay:
         down_reserve_j=ledger.down_reserve_j,
         peak_torque_nm=peaks.further,
         line=coupling.line_account(),
-        effects=seat.effects.account() if seat.effects else None,
+        effects=seat.effects.account(),
         incidents=(LEFT if safety.left else 0) + (SATURATED if safety.saturated else 0),
     )
 

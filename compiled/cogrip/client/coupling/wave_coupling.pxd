@@ -10,8 +10,8 @@ from cogrip.protocol.line.waves_encoding cimport encode_waves
 
 cdef class WaveCoupling(Coupling):
     cdef public double _tick_s
-    cdef public double _b
-    cdef public double _root
+    cdef public double b
+    cdef public double root
     cdef public double _half_tick_s
     cdef public object _tuner
     cdef public long long _since

@@ -13,6 +13,7 @@ cdef class HandAids:
     cdef object _record
     cdef Py_ssize_t _axes
     cdef tuple _zero
+    cdef public tuple asked_n
     cdef public tuple extra_n
     cdef double _most_n
     cdef double _soft_m

@@ -1,3 +1,4 @@
+from cogrip.client.hand.axes cimport AxisUnits
 from cogrip.client.hand.row_size cimport change_surely_below, surely_below
 
 
@@ -7,5 +8,5 @@ cdef class Peaks:
     cdef public double step_n
     cdef public double travel_m
 
-    cpdef enter(self, tuple force_n, tuple before_n, axes)
+    cpdef enter(self, tuple force_n, tuple before_n, AxisUnits axes)
     cdef _enter(self, double size_n, double step_n)

@@ -50,6 +50,7 @@ cdef class DevicePort:
     @cython.locals(path_m=double, own_j=double, excess_j=double)
     cpdef end_frame(self, start_m, end_m, double frame_s, double stored_j)
     @cython.locals(left_j=double, size=double, most_n=double, force=double)
+    cpdef damped(self, force_n, velocity_mps)
     cpdef limit(self, force_n)
     @cython.locals(
         carried=double, record=double, detector=OscillationDetector, local=double, turns=bint, exhausted=bint, now="long long",

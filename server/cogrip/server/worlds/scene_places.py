@@ -8,7 +8,7 @@ has a site cogrip_NAME, NAME being the person's, the tool begins there.
 
 from collections.abc import Collection, Iterator, Sequence
 from itertools import product
-from math import dist
+from math import dist, inf
 from typing import NamedTuple
 
 import mujoco  # type: ignore[import-untyped]
@@ -157,7 +157,7 @@ class _Places:
         aims = [geom for part in range(model.nbody) if model.body_rootid[part] == target for geom in self._others[part]]
         place = np.array([begun[0], middle[1], middle[2] + up])
         self._move(body, place)
-        free = self._is_free(body)
+        free, left_m = self._is_free(body), inf
         for _ in range(_MOST_STEPS):
             left_m = self._distance(body, aims)
             if left_m <= _CLOSE_M or sign * (place[0] - middle[0]) < 0.0:
