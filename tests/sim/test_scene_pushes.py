@@ -185,3 +185,19 @@ def test_bodies_that_overlap_as_a_scene_begins_are_told_and_others_are_not(tmp_p
     assert not any(
         "inside of each other" in each.text for each in scene_findings(settings_of(tmp_path, scene(), "pad", "pad"))
     )
+
+
+DRAWER = '<body name="drawer" pos="0 0 .2"><joint {} limited="true"/><geom type="box" size=".03 .03 .03"/></body>'
+OUTSIDE = {
+    'name="d" type="slide" range=".05 .1"': "joint d begins 50 mm outside of its range",
+    'type="hinge" range="-90 -30"': "joint of body drawer begins 30 degrees outside of its range",
+    'type="slide" range="0 .1"': "",
+    'type="ball" range="0 .1"': "",
+}
+
+
+@pytest.mark.parametrize("joint", OUTSIDE)
+def test_a_joint_that_begins_outside_of_its_range_is_told(tmp_path: Path, joint: str) -> None:
+    told = [each.text for each in scene_findings(settings_of(tmp_path, scene(DRAWER.format(joint)), "pad", "pad"))]
+    assert any(text.startswith(OUTSIDE[joint]) for text in told if OUTSIDE[joint]) == bool(OUTSIDE[joint])
+    assert OUTSIDE[joint] or not any("outside of its range" in text for text in told)

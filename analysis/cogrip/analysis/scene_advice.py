@@ -5,10 +5,10 @@ from collections.abc import Iterator
 import numpy as np
 
 from cogrip.analysis.advice import gaps, overloads, unbounded
-from cogrip.analysis.finding import Finding, plain
+from cogrip.analysis.finding import Finding, Level, plain
 from cogrip.analysis.line_advice import free_tool, loop_s, press_n, pressed, stroke_s
 from cogrip.analysis.linear_session import seats_on_devices
-from cogrip.analysis.scene_overlaps import overlaps
+from cogrip.analysis.scene_overlaps import DEEP_M, outside_ranges, overlaps
 from cogrip.devices.for_user import make_for
 from cogrip.machine.addition import add_floats
 from cogrip.protocol.axes import GRIP_AXES
@@ -42,11 +42,27 @@ def _contact(scene: Scene) -> Iterator[Finding]:
         yield Finding("contact", f"contact that creates no energy is set: {', '.join(scene.filled)}")
     if scene.changed:
         yield Finding("contact", changed_words(scene.changed), "note")
+    if any(each.endswith(" margin") and not each.startswith(("joint", "tendon")) for each in scene.own):
+        text = "bodies rest where their surfaces meet, whatever margin the scene sets: MuJoCo alone keeps them that far apart"
+        yield Finding("contact", text, "note")
+    option = scene.model.opt
+    if medium := [f"{key} {getattr(option, key):g}" for key in ("density", "viscosity") if getattr(option, key) > 0.0]:
+        wind = f", wind {', '.join(f'{each:g}' for each in option.wind)} m/s" if np.any(option.wind) else ""
+        text = (
+            f"the scene's medium ({', '.join(medium)}{wind}) acts on added tools as on all bodies: nowhere is free air"
+        )
+        yield Finding("medium", text, "note")
     inside = overlaps(scene)
-    for each in inside[:MOST_NAMED]:
-        yield Finding("contact", each.text, "note")
-    if len(inside) > MOST_NAMED:
-        yield Finding("contact", f"{len(inside) - MOST_NAMED} more pairs of bodies are inside of each other", "note")
+    deep: Level = "warning" if any(each.depth_m >= DEEP_M for each in inside) else "note"
+    levels: tuple[tuple[list[str], str, Level], ...] = (
+        ([each.text for each in inside], "pairs of bodies are inside of each other", deep),
+        (outside_ranges(scene), "joints begin outside of their range", "warning"),
+    )
+    for texts, more, level in levels:
+        for text in texts[:MOST_NAMED]:
+            yield Finding("start", text, level)
+        if len(texts) > MOST_NAMED:
+            yield Finding("start", f"{len(texts) - MOST_NAMED} more {more}", level)
     if len(linked_dofs(scene.model)):
         text = (
             "Coriolis and gyroscopic forces of linked bodies are taken at the middle of a step, where they do no work"

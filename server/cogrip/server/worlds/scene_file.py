@@ -345,14 +345,14 @@ def _choose_tools(
         if is_own and spec.body(held.tool).mocap:
             _take_mocap(spec, held, bare, begun)
     object_m, radius_m = _object(bare, begun, {held.tool for held, is_own in zip(seats, own, strict=True) if is_own})
-    chosen, beside = [], {"left": 0, "right": 0}
+    chosen, beside, bits = [], {"left": 0, "right": 0}, _touching_bits(bare)
     for seat, (held, is_own) in enumerate(zip(seats, own, strict=True)):
         chosen.append(held.tool if is_own else _added(held.tool, seat, bodies, name))
         if not is_own:
             sign = -1.0 if held.side == "left" else 1.0
             place = object_m + np.array([sign * (radius_m + CLEAR_M), APART_M * beside[held.side], 0.0])
             beside[held.side] += 1
-            _add_tool(spec, chosen[-1], held, place.tolist())
+            _add_tool(spec, chosen[-1], held, place.tolist(), bits)
     return chosen
 
 
@@ -517,8 +517,10 @@ def _solved(spec: mujoco.MjSpec, options: Set[str], step_s: float) -> tuple[str,
         bit for bit in (off.mjDSBL_DAMPER, off.mjDSBL_EULERDAMP, off.mjDSBL_SENSOR) if option.disableflags & bit
     ]
     changed += [f"flag {bit.name.rpartition('_')[2].lower()} (disable > enable)" for bit in disabled]
-    if option.enableflags & on.mjENBL_SLEEP:
-        changed.append("flag sleep (enable > disable)")
+    for bit in (on.mjENBL_SLEEP, on.mjENBL_OVERRIDE):  # the latter gives every contact the scene's one setting
+        if option.enableflags & bit:
+            changed.append(f"flag {bit.name.rpartition('_')[2].lower()} (enable > disable)")
+            option.enableflags &= ~int(bit)
     for key, of in _SOLVED.items():
         given = getattr(spec.option, key)
         taken = of(given)
@@ -616,7 +618,25 @@ def _added(tool: str, seat: int, bodies: set[str], name: str) -> str:
     return f"{ADDED}{seat}"
 
 
-def _add_tool(spec: mujoco.MjSpec, body_name: str, held: Held, place: Sequence[float]) -> None:
+def _touching_bits(bare: mujoco.MjModel) -> int:
+    """Return bits of contype and conaffinity by which an added tool touches a part of each body that anything touches.
+
+    That is MuJoCo's own, 1, where every body has a part with it; else those of a body that has none are added.
+    """
+    bits = 1
+    for body in range(bare.nbody):
+        of = [
+            int(bare.geom_contype[geom] | bare.geom_conaffinity[geom])
+            for geom in np.flatnonzero(bare.geom_bodyid == body)
+        ]
+        if not any(each & 1 for each in of):
+            for each in of:
+                bits |= each
+    return bits
+
+
+def _add_tool(spec: mujoco.MjSpec, body_name: str, held: Held, place: Sequence[float], bits: int) -> None:
+    """Add a tool at a place. bits: of contype and conaffinity."""
     kind = held.tool or TOOLS[0]
     body = spec.worldbody.add_body(name=body_name, pos=place, gravcomp=1.0)
     if held.orientation in ("", "fixed"):
@@ -644,7 +664,7 @@ def _add_tool(spec: mujoco.MjSpec, body_name: str, held: Held, place: Sequence[f
         _plain(joint, _OF_JOINTS)
     for geom in geoms:
         _plain(geom, _OF_GEOMS)
-        geom.mass = TOOL_KG / len(geoms)
+        geom.mass, geom.contype, geom.conaffinity = TOOL_KG / len(geoms), bits, bits
         for key, value in _GEOM.items():
             setattr(geom, key, value)
 
