@@ -1895,7 +1895,7 @@ typedef struct message {
 struct cogrip_client {
     /* Session [4] */
     cogrip_config config;
-    char asked_room[161], asked_name[161], token[33], device[41], software[41];
+    char asked_room[161], asked_name[161], token[33], device[201], software[41];
     cogrip_state state;
     int64_t since_ns, next_ns, last_received_ns, fresh_ns, newest_sent_ns;
     int64_t hand_session, hand_changes, hand_reports; /* changes taken, and reports made, in this session [3.17] */
@@ -1996,7 +1996,7 @@ static void write_hello(const cogrip_client *client, message *into) {
     put_text(&to, again ? seat->seat.room : client->asked_room, 160);
     put_text(&to, again ? seat->seat.user : client->asked_name, 160);
     put_text(&to, "", 0); /* digest: it takes the server's settings */
-    put_text(&to, client->device, 40);
+    put_text(&to, client->device, 200);
     put_int(&to, config->axes);
     put_real(&to, config->rate_hz);
     put_real(&to, least(config->peak_force_n, NO_BOUND));
@@ -3117,9 +3117,9 @@ cogrip_client *cogrip_init(void *memory, size_t bytes, const cogrip_config *conf
         && config->carried_nspm >= 0.0))
         wrong = "slew_nps, apparent_mass_kg, damping_nspm, carried_nspm: 0 or more";
     else if (config->nonce > INT64_MAX) wrong = "nonce: below 2^63";
-    else if (!text_fits(config->room, 40) || !text_fits(config->name, 40) || !text_fits(config->device, 40)
+    else if (!text_fits(config->room, 40) || !text_fits(config->name, 40) || !text_fits(config->device, 200)
         || !text_fits(config->software, 40))
-        wrong = "room, name, device, software: 40 bytes of UTF-8 at most";
+        wrong = "room, name, software: 40 bytes of UTF-8 at most, device: 200";
     else if (!text_fits(config->token, 32)) wrong = "token: 32 characters at most";
     say(error, error_bytes, wrong ? wrong : "");
     if (wrong) return NULL;

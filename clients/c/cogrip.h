@@ -39,7 +39,7 @@ typedef struct cogrip_config {
     const char *room;        /* [any] */
     const char *name;        /* of the seat [any free one] */
     const char *token;       /* from the join link [none] */
-    const char *device;      /* what the device is called, at most 40 bytes ["c"] */
+    const char *device;      /* what the device is called, at most 200 bytes ["c"] */
     const char *software;    /* version of the program, at most 40 bytes ["c"] */
     uint64_t nonce;          /* from a cryptographic source, new for every client; the driver draws it */
     int axes;                /* of the device, 1 to 3 */

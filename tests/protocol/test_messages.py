@@ -337,33 +337,13 @@ ADDRESSES = st.text(st.characters(exclude_categories=("Cs",), exclude_characters
 
 
 @given(ADDRESSES, st.sampled_from(["", "anna", WORDS]), st.sampled_from(["", SECRET]))
-def test_a_device_address_comes_whole_and_older_peers_read_its_beginning(device: str, name: str, secret: str) -> None:
+def test_a_device_address_comes_whole_up_to_its_bound(device: str, name: str, secret: str) -> None:
     hello = make_hello(
-        software="1", nonce=7, room=name, name=name, digest="d", device=device, axes=1, rate_hz=1e3, token=secret
+        software=name, nonce=7, room=name, name=name, digest=name, device=device, axes=1, rate_hz=1e3, token=secret
     )
     datagram = padded(hello)
-    assert len(datagram) == HELLO_BYTES
+    assert len(datagram) == HELLO_BYTES, "whatever the texts are"
     read = decode(datagram)
     assert isinstance(read, Hello)
-    if len(device.encode()) <= 77:  # the longest texts of all leave so much room
-        assert read.device == device
-    assert clipped(device, messages.DEVICE_BYTES).startswith(read.device)
+    assert read.device == clipped(device, messages.DEVICE_BYTES)
     assert padded(read) == datagram, "it can be said again"
-    older = msgspec.msgpack.decode(datagram, type=Hello)
-    assert older.device == device[:40]
-    if not name:
-        assert read.device == clipped(device, messages.DEVICE_BYTES)
-        again = msgspec.structs.replace(hello, ticket=SECRET, token=SECRET, room="r" * 40, name="n" * 40)
-        assert decode(padded(again)).device == read.device, "a resumption claims the same record"  # type: ignore[union-attr]
-
-
-@given(st.binary(max_size=300))
-def test_padding_that_is_no_longer_address_of_this_device_is_padding(padding: bytes) -> None:
-    for device in ("sim:phantom", "d" * 40):
-        hello = Hello(
-            messages.MAGIC, messages.PROTOCOL_VERSION, "1", 7, "", "", "", device, 1, 1e3, 1.0, 1.0, padding=padding
-        )
-        read = decode(encode(hello))
-        assert isinstance(read, Hello)
-        assert read.device == device or (device == "d" * 40 and read.device.startswith(device))
-        assert len(read.device.encode()) <= messages.DEVICE_BYTES

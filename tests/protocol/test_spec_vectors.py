@@ -279,6 +279,8 @@ def with_value(name: str, place: list[Any], value: Any) -> bytes:
     for step in place[:-1]:
         inner = inner[step]
     inner[place[-1]] = value
+    if name == "hello" and place != [18]:  # its padding leaves room for a longer text
+        whole[18] = b""
     if place[-1] == "grip_impedance_nspm":  # of a seat of 4 axes alone
         whole[6][8]["axes"] = 4
         del whole[6][6]["rotational_impedance_nms"]

@@ -19,7 +19,7 @@ from cogrip.protocol.recording.reader import RecordedMessage, RecordingError, op
 from cogrip.protocol.settings.room import resolve
 from cogrip.protocol.settings.sections import Settings, User
 from cogrip.protocol.settings.table import SettingsError
-from cogrip.protocol.wire.messages import Hello
+from cogrip.protocol.wire.messages import DEVICE_BYTES, Hello
 from cogrip.results.comparison import settings_differences
 from cogrip.results.laboratory_run import run_laboratory
 from cogrip.results.records import RunRecords, open_run
@@ -262,11 +262,11 @@ def test_a_simulated_hand_that_was_joined_with_is_taken_as_it_was(spoiled: Path)
 
 
 @pytest.mark.parametrize(
-    "device", ["haply:/dev/ttyACM0", "replay:hand.csv#time=t&x=x", "sim:ideal?hand=csv:a-file-of-a-name-that"]
+    "device", ["haply:/dev/ttyACM0", "replay:hand.csv#time=t&x=x", f"sim:ideal?hand=csv:{'a' * 200}"]
 )
 def test_other_hands_come_back_through_an_impedance(spoiled: Path, device: str) -> None:
-    """A person's, one that was replayed, and one whose address did not fit into the hello (40 characters)."""
-    joined_with(spoiled / "client-anna.mcap", device[:40])
+    """A person's, one that was replayed, and one whose address did not fit into the hello."""
+    joined_with(spoiled / "client-anna.mcap", device[:DEVICE_BYTES])
     anna = who(spoiled)
     assert (anna.device, anna.hand.partition("&")[0]) == ("sim:phantom", f"recording:{spoiled}#user=anna")
     assert who(spoiled, "positions").device == f"replay:{spoiled}#user=anna"

@@ -2,7 +2,6 @@
 
 from math import hypot, sqrt
 
-import msgspec
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
@@ -233,25 +232,3 @@ def test_a_hand_that_pulls_with_eight_newtons_is_let_to_by_default(speed_mps: fl
         bound.book((u * back / forward,))
     assert (bound.counts.get("power limited", 0) > 0) is limited
     assert "wave clipped" not in bound.counts
-
-
-LONG = "replay:20261122-160000-demo#user=anna&start_s=1.5&speed=0.5"
-
-
-@pytest.mark.parametrize(
-    ("had", "comes", "same"),
-    [
-        (LONG, LONG, True),
-        (LONG[:40], LONG, True),  # a checkpoint by a server that knew 40 characters
-        (LONG, LONG[:40], True),  # a client that tells 40
-        (LONG[:39], LONG, False),
-        (LONG, LONG + "&loop=1", False),
-        (LONG[:40], "sim:phantom", False),
-        ("sim:phantom", "sim:phantom?mass_kg=0.1", False),
-    ],
-)
-def test_a_device_is_known_by_the_part_of_its_address_that_older_peers_tell(had: str, comes: str, same: bool) -> None:
-    record = ClaimedRecord(comes, 1, 1024.0, 8.5, 2.0)
-    assert record.is_of(msgspec.structs.replace(record, device=had)) == same
-    assert not record.is_of(msgspec.structs.replace(record, device=had, force_n=9.0))
-    assert not record.is_of(None)

@@ -21,7 +21,7 @@ from cogrip.protocol.recording.records import Datagram, Event, Ledger
 from cogrip.protocol.recording.secrets import without_secrets
 from cogrip.protocol.recording.sink import CoreRecorder, ObservedQueue, Sink, encode, topics
 from cogrip.protocol.wire.accounts import ClientAccount
-from cogrip.protocol.wire.messages import Hello, with_short_device, with_whole_device
+from cogrip.protocol.wire.messages import Hello
 
 KINDS = ("tick", "datagram_in", "datagram_out", "input", "event", "account", "gap", "clock")
 TICK, DATAGRAM_IN, DATAGRAM_OUT, INPUT, EVENT, ACCOUNT = range(6)
@@ -94,7 +94,7 @@ def _ticket_left_out(ticket: str) -> str:
 
 def start_text(hello: Hello, capability: Capability) -> str:
     """Return what a client core is made from, as JSON text, less its token."""
-    asked = with_short_device(msgspec.structs.replace(hello, token="", ticket=""))
+    asked = msgspec.structs.replace(hello, token="", ticket="")
     table = {"hello": msgspec.to_builtins(asked), "capability": msgspec.to_builtins(capability)}
     return json.dumps(table, allow_nan=False)
 
@@ -102,4 +102,4 @@ def start_text(hello: Hello, capability: Capability) -> str:
 def start_of(text: str) -> tuple[Hello, Capability]:
     """Read a `start_text`. Raises ValueError (msgspec's among them) or KeyError for any other."""
     table = json.loads(text)
-    return with_whole_device(msgspec.convert(table["hello"], Hello)), Capability.recorded(table["capability"])
+    return msgspec.convert(table["hello"], Hello), Capability.recorded(table["capability"])

@@ -95,7 +95,7 @@ class Joining:
             return True
         if isinstance(who, Observer):
             who.last_received_ns, who.clock = now_ns, MessageClock()
-        elif not record_of(hello).is_of(who.record):
+        elif record_of(hello) != who.record:
             had = who.record.device if who.record else "another device"
             self.refuse(hello.nonce, address, Denied(
                 "device", f"the seat was taken with {had}, and {hello.device} with another record is claimed; join anew",

@@ -30,7 +30,7 @@ from cogrip.protocol.settings.seat import SeatSettings
 from cogrip.protocol.settings.tool_frame import Scale
 from cogrip.protocol.settings.types import MOST_WAVES, SeatNumber
 from cogrip.protocol.texts import MARK_BYTES as MARK_BYTES
-from cogrip.protocol.texts import TEXT_BYTES, clipped
+from cogrip.protocol.texts import TEXT_BYTES
 from cogrip.protocol.wire.accounts import ClientAccount, RoomAccount, SeatAccount
 from cogrip.protocol.wire.handle import Buttons, EdgeCount, Handle, Opening, Quaternion, is_unit
 
@@ -43,7 +43,7 @@ DTLS_BYTES = 37  # bytes that DTLS adds to a message: record header 13, AES-GCM 
 MAX_MESSAGE_BYTES = MAX_DATAGRAM_BYTES - DTLS_BYTES
 HELLO_BYTES = 1024  # length to which a hello is padded: no answer to an unauthenticated peer is longer than its request
 SHORT = 40  # most characters of a ShortText
-DEVICE_BYTES = 200  # longest device address: its beginning stands in `device`, the whole in the padding
+DEVICE_BYTES = 200  # longest device address: senders cut it to so many bytes of UTF-8
 LEAVE_TEXT_BYTES = 160  # longest text of a leave, which has an account behind it
 
 Counter = Annotated[int, msgspec.Meta(ge=0, le=2**53)]
@@ -109,8 +109,7 @@ class Hello(Message, frozen=True, tag=1):
     room: ShortText  # name of the room; "" any
     name: ShortText  # name of the seat; "" any that is free
     digest: ShortText  # digest of the expected settings; "" accept the server's
-    # address of the device; on the wire its beginning, in a hello that was decoded or is to be padded the whole
-    device: ShortText
+    device: Annotated[str, msgspec.Meta(max_length=DEVICE_BYTES)]  # address of the device
     device_axes: Annotated[int, msgspec.Meta(ge=1, le=6)]
     device_rate_hz: Annotated[float, msgspec.Meta(ge=1.0, le=1e6)]
     device_force_n: Bound  # the record's peak force
@@ -449,31 +448,11 @@ def decode(datagram: bytes) -> AnyMessage:
         message: AnyMessage = _decoder.decode(datagram)
     except (msgspec.DecodeError, UnicodeDecodeError, RecursionError) as error:
         raise MalformedError(str(error)) from None
-    return with_whole_device(message) if type(message) is Hello else message
+    return message
 
 
 def padded(hello: Hello) -> bytes:
     """Return a hello at its full length of HELLO_BYTES. The padding is always a bin 16: so every length is possible."""
-    short = with_short_device(hello)
-    bare = encode(msgspec.structs.replace(short, padding=b""))[:-2]
+    bare = encode(msgspec.structs.replace(hello, padding=b""))[:-2]
     length = HELLO_BYTES - len(bare) - 3
-    return bare + b"\xc5" + length.to_bytes(2, "big") + short.padding[:length].ljust(length, b"\0")
-
-
-def with_short_device(hello: Hello) -> Hello:
-    """Return a hello in wire form: a device address that is too long for its field stands whole in the padding."""
-    if len(hello.device) <= SHORT:
-        return msgspec.structs.replace(hello, padding=b"")
-    whole = clipped(hello.device, DEVICE_BYTES).encode()
-    return msgspec.structs.replace(hello, device=hello.device[:SHORT], padding=whole)
-
-
-def with_whole_device(hello: Hello) -> Hello:
-    """Return a hello from its wire form: the padding's text up to a zero is the address, if it begins with the field's."""
-    try:
-        whole = hello.padding[: DEVICE_BYTES + 1].partition(b"\0")[0].decode()
-    except UnicodeDecodeError:
-        whole = ""
-    longer = len(whole) > SHORT == len(hello.device) and len(whole.encode()) <= DEVICE_BYTES
-    fits = longer and whole.startswith(hello.device)
-    return msgspec.structs.replace(hello, device=whole, padding=b"") if fits else hello
+    return bare + b"\xc5" + length.to_bytes(2, "big") + bytes(length)

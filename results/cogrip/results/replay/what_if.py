@@ -22,7 +22,7 @@ from cogrip.protocol.recording.reader import RecordingError
 from cogrip.protocol.settings.room import rates_of, resolve, seat_settings
 from cogrip.protocol.settings.sections import Settings, User
 from cogrip.protocol.texts import clipped
-from cogrip.protocol.wire.messages import DEVICE_BYTES, SHORT, Hello
+from cogrip.protocol.wire.messages import DEVICE_BYTES, Hello
 from cogrip.results.records import End, RunRecords
 
 Hands = Literal["same", "impedance", "positions"]
@@ -95,8 +95,8 @@ def _hand(run: RunRecords, user: User, hands: Hands, hello: Hello, capability: C
     if hands == "positions":
         return {"device": f"replay:{source}"}
     asked, said = address_of(user), hello.device
-    whole = asked if said in (asked[:SHORT], clipped(asked, DEVICE_BYTES)) else said
-    cut = len(said) == SHORT or len(said.encode()) > DEVICE_BYTES - 4  # by an earlier client, or beyond what is carried
+    whole = asked if said == clipped(asked, DEVICE_BYTES) else said
+    cut = len(said.encode()) > DEVICE_BYTES - 4  # a character has up to four bytes
     known = whole != said or not cut
     mass = {"device_mass_kg": capability.apparent_mass_kg}
     if hands == "same" and hello.device.startswith("sim:") and known:

@@ -21,7 +21,7 @@ from cogrip.machine.addition import add_floats
 from cogrip.protocol.laws.waves import wave_of
 from cogrip.protocol.settings.sections import REMOTE, Settings
 from cogrip.protocol.settings.tool_frame import ToolFrame
-from cogrip.protocol.wire.messages import NO_BOUND, SHORT, Hello, Latest
+from cogrip.protocol.wire.messages import NO_BOUND, Hello, Latest
 
 BURST_S = 0.25  # time whose power a seat may bring in at once
 
@@ -41,14 +41,6 @@ class ClaimedRecord(msgspec.Struct, frozen=True):
     speed_mps: float
     torque_nm: float = 0.0
     speed_radps: float = 0.0
-
-    def is_of(self, other: "ClaimedRecord | None") -> bool:
-        """Return whether both are of one device: of an older peer only the first SHORT characters are known."""
-        if other is None or msgspec.structs.replace(self, device=other.device) != other:
-            return False
-        return self.device == other.device or (
-            min(len(self.device), len(other.device)) == SHORT and self.device[:SHORT] == other.device[:SHORT]
-        )
 
 
 class SeatLimits(msgspec.Struct, frozen=True):
