@@ -34,7 +34,7 @@ from pathlib import Path
 from typing import Any
 
 HERE = Path(__file__).resolve().parent
-INSTALLED = not (HERE / "pyproject.toml").exists()  # This file is cogrip/cli/compiling.py of a wheel then.
+INSTALLED = not (HERE / "pyproject.toml").exists()  # whether this file is cogrip/cli/compiling.py of a wheel
 ROOT = HERE.parents[1] if INSTALLED else HERE
 COMMAND = "cogrip compile" if INSTALLED else "python3 dev.py compile"
 TYPES = ROOT / ("cogrip/machine/compiled" if INSTALLED else "compiled")  # tree of what a compiler alone reads
@@ -54,7 +54,7 @@ FLAGS = [
 ]
 COLD = "static void __Pyx_AddTraceback(const char *, int, int, const char *) __attribute__((cold));\n"
 """Declaration ahead of each module's C code: the compiler takes every path to this function for one that is not taken."""
-LINKER_FLAGS = ["-Wl,-z,noseparate-code,-z,norelro,-z,now", "-Wl,--sort-section=name"]  # Linux
+LINKER_FLAGS = ["-Wl,-z,noseparate-code,-z,norelro,-z,now", "-Wl,--sort-section=name"]  # flags of the linker on Linux
 STAMP = (
     ROOT / ("cogrip" if INSTALLED else ".venv") / "cogrip-compiled.json"
 )  # digest of the sources of what is compiled

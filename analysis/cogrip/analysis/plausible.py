@@ -27,9 +27,15 @@ from cogrip.protocol.settings.sections import Settings
 FAR_OUTSIDE = 2.0
 """Distance from a workspace's middle, in half widths, above which a motion is refused: a hand may mean to press a little
 beyond an end, not so far."""
-LONG_REACH_M, MOST_REACH_M = 1.0, 2.0  # an arm reaches 0.7 m; the second is a motion in another unit
-QUICK_MPS, MOST_MPS = 3.0, 10.0  # a quick reach peaks at 2 m/s; a thrown ball leaves the hand at 10 or more
-HEAVY_KG, MOST_KG = 20.0, 100.0  # a hand on a desk moves neither; 8.5 N move the second by 4 cm in the first second
+LONG_REACH_M, MOST_REACH_M = (
+    1.0,
+    2.0,
+)  # motions that are said, and refused: an arm reaches 0.7 m, and 2 m are another unit
+QUICK_MPS, MOST_MPS = (
+    3.0,
+    10.0,
+)  # speeds that are said, and refused: a quick reach peaks at 2 m/s, a thrown ball leaves the hand at 10
+HEAVY_KG, MOST_KG = 20.0, 100.0  # masses that are said, and refused: a hand on a desk moves neither
 _SAMPLES = 20_000  # most samples of a motion: a hand's bandwidth is some hertz
 _AXES = "xyz"
 

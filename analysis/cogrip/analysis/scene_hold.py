@@ -31,13 +31,17 @@ from cogrip.sim.laboratory import Laboratory
 DELAYS_MS = (0.0, 10.0, 20.0, 50.0, 100.0, 200.0, 300.0)
 """Delays of each direction that are tried, in this order, until one at which the object is not held."""
 MOST_SLIP_M = 0.002  # most slip of a tool along the object while it is held
-DOWN_M = 0.001  # height at and below which it has come down again
+DOWN_M = 0.001  # height at and below which the object has come down again
 MOST_APART = 4  # most frames on end in which a tool of a held object touches nothing, as it swings
 LIFT_M, HOLD_S = 0.03, 2.0  # how high hands lift, and for how long they hold still then
 MARGIN = 3.0  # ratio of the force of hands to the least at which friction holds the object at rest
 HAND_NPM = 300.0  # stiffness of a hand
 MOST_PRESS_N = 20.0  # largest force with which a hand presses
-_START_S, _STROKE_S, _STROKES = 0.5, 1.0, 4  # beside, approach, press, lift
+_START_S, _STROKE_S, _STROKES = (
+    0.5,
+    1.0,
+    4,
+)  # time before the strokes, of each, and their number: beside, approach, press, lift
 SECONDS = _START_S + _STROKES * _STROKE_S + HOLD_S
 
 

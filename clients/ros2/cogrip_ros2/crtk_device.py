@@ -16,7 +16,7 @@ from typing import Any
 from cogrip.api import Capability, DeviceError, Sample
 from cogrip.devices.device import check_rate
 
-LOST_S = 0.1  # without a measured_cp: the arm is lost
+LOST_S = 0.1  # time without a measured_cp after which the arm is lost
 
 
 class CrtkDevice:

@@ -39,7 +39,7 @@ STROKES = ("+-+-+---+++-", "+--+++----++", "+--++--++--+")
 DECOYS = (
     ("+--+-++-+--+", "++--+--+--++", "++---+-+-+-+"),
     ("+---++++---+", "+-+-+-+---++", "++---+--+++-"),
-)  # All of them leave the device where it was, at rest.
+)  # other courses of a push; each leaves the device where it was, at rest
 STIFFNESSES_NPM = (
     0, 20, 40, 60, 90, 120, 160, 200, 250, 300, 350, 420, 500, 650, 800, 1000, 1300, 1700, 2200, 3000,
 )  # fmt: skip

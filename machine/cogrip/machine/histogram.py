@@ -15,9 +15,9 @@ from cogrip.machine.addition import add_integers
 from cogrip.machine.bit_length import bit_length
 
 _SUB_BITS = 4
-_SUB_BINS = 1 << _SUB_BITS  # bins an octave
+_SUB_BINS = 1 << _SUB_BITS  # number of bins an octave
 _KEPT_BITS = _SUB_BITS + 1  # bits of a duration that choose its bin: the leading one and those below it
-_LARGEST_NS = (1 << 62) - 1  # 146 years: a longer duration counts as this
+_LARGEST_NS = (1 << 62) - 1  # longest duration, 146 years: a longer one counts as this
 _BINS = ((62 - _KEPT_BITS) << _SUB_BITS) + 2 * _SUB_BINS
 _NOTHING = (0,) * _BINS
 

@@ -21,9 +21,9 @@ PRIORITY = 40
 SERVER_PRIORITY = PRIORITY - 1
 """Priority of a server beside clients: the shorter the period, the higher the priority (rate-monotonic scheduling)."""
 
-_PR_SET_TIMERSLACK, _PR_GET_TIMERSLACK = 29, 30  # linux/prctl.h
-_MCL_CURRENT, _MCL_FUTURE = 1, 2  # sys/mman.h
-CAP_IPC_LOCK, CAP_SYS_NICE = 14, 23  # linux/capability.h
+_PR_SET_TIMERSLACK, _PR_GET_TIMERSLACK = 29, 30  # options of prctl, of linux/prctl.h
+_MCL_CURRENT, _MCL_FUTURE = 1, 2  # flags of mlockall, of sys/mman.h
+CAP_IPC_LOCK, CAP_SYS_NICE = 14, 23  # numbers of capabilities, of linux/capability.h
 
 LATENCY_FILE = "/dev/cpu_dma_latency"
 LIMITS_FILE = "/etc/security/limits.d/90-cogrip.conf"

@@ -8,11 +8,11 @@ from cogrip.results.summary_values import FORCELESS, Summary, dig, is_number, na
 MOST_LIMITED = 0.01
 """Largest fraction of live ticks in which a limit of the device held the force, and the hand felt it: 10 ms a second."""
 MOST_CONTROLLED = 0.05
-"""Largest fraction of the same ticks in which the device port changed the force or reduced the impedance."""
+"""Largest fraction of live ticks in which the device port changed the force or reduced the impedance."""
 MOST_REPLACED = 0.05
 """Largest fraction of a direction's frames that were concealed. Telehaptics bears losses of 10 % (docs/decisions/0010)."""
 MOST_REPLACED_AT_REST = 0.001
-"""Largest such fraction less the longest gap, for the prediction of a line whose credit did not pay for all of them."""
+"""Largest fraction of frames concealed beside the longest gap, where a line whose credit did not pay for all is predicted."""
 MOST_LENT = 0.4
 """Fraction of the credit that a line has lent at most where the credit paid: compensation spends no more than half of it."""
 MOST_MOVED = 0.01

@@ -11,7 +11,7 @@ from cogrip.protocol.wire.messages import Pose
 
 FRAME, CHUNK = 1, 4
 PUSHES, NOT_PASSIVE, HAND_KNOWN = 1, 2, 4  # flags of a person
-CONTACT = 1  # flag of a frame
+CONTACT = 1  # flag of a frame: the object is in contact
 
 _HEAD = struct.Struct("<BBBBI d 3d 3d 4d")
 _PERSON = struct.Struct("<BBBBI 3d 3d 3d 3d 8f If4f")

@@ -17,7 +17,7 @@ WARNINGS = ("lost", "kicked", "refused", "limited", "stiffness", "trouble")
 FIELDS = ("room", "user", "address", "code", "token")
 LONGEST_BYTES = 4096  # most bytes of a line: a pipe takes so many whole or not at all
 LONGEST_TEXT = 1000  # most characters of a text; only one that a peer controls is longer
-NOTICE = "notice"  # event of a text that has none
+NOTICE = "notice"  # event of a line that is said without one
 
 
 def now() -> datetime:

@@ -44,5 +44,7 @@ def turn(axis: int, angle_rad: float) -> Quaternion:
 
 _POLHEM_RAD, _VINTAGE_RAD = 2.0 * pi / 1024, 2.0 * pi / 2000
 POLHEM = Gimbal((0, 1, 0), (-_POLHEM_RAD, -_POLHEM_RAD, _POLHEM_RAD))
-POLHEM_HID = Gimbal((0, 1, 0), POLHEM.rad_per_count, counts=(2, 1, 0))  # Its reports have the counts in reverse order.
+POLHEM_HID = Gimbal(
+    (0, 1, 0), POLHEM.rad_per_count, counts=(2, 1, 0)
+)  # gimbal whose reports have the counts in reverse order
 VINTAGE = Gimbal((2, 1, 0), (-_VINTAGE_RAD, _VINTAGE_RAD, _VINTAGE_RAD))

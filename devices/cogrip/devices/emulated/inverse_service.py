@@ -48,7 +48,7 @@ MODEL = ArmModel(
     RECORD,
     0.2,
 )
-"""A count is the record's resolution, and a milliampere a millinewton."""
+"""Mechanics of the arm: a count is the record's resolution, and a milliampere a millinewton."""
 
 
 class InverseService(Firmware):

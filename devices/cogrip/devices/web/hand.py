@@ -24,7 +24,7 @@ BURST_S = 0.05  # time over which the hand's power fills the energy budget
 SILENCE_S = 0.1  # time without a pointer message after which the hand lets go; one comes every 50 ms while it holds
 RELEASE_S = 0.05  # time in which the hand lets go, and in which its damper takes hold again
 SPEED_MPS = 0.5  # largest speed of the set-point: an unhurried reach
-ACCELERATION_MPS2 = 2.5  # largest acceleration of the set-point: a reach of 0.1 m in 0.4 s (see above)
+ACCELERATION_MPS2 = 2.5  # largest acceleration of the set-point: a reach of 0.1 m takes 0.4 s
 SETTLE_S = 0.005  # time constant of the set-point's last bit of the way
 STRETCH_N = 3.0
 """Largest force of the spring: it pulls at 0.18 m/s against the damper. Pulled farther it drags the set-point along."""

@@ -13,7 +13,7 @@ from cogrip.experiments.methods.query import ComparisonQuery
 from cogrip.results.summary_values import is_number
 
 WIDTH = 0.8  # share of a network's room that its methods take
-Key = tuple[str, str]  # network and method
+Key = tuple[str, str]  # names of a network and a method
 
 
 class SessionRows(NamedTuple):

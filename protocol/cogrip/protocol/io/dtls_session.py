@@ -20,7 +20,7 @@ if TYPE_CHECKING:  # a worker has no handshake to make, and is there sooner with
 VERSION = b"\xfe\xfd"
 EPOCH = 1
 CLOSE_NOTIFY = b"\x01\x00"
-WINDOW = 64  # records behind the newest that may still come, once each
+WINDOW = 64  # number of records behind the newest that may still come, once each
 SUITES = {  # Each suite, by OpenSSL's name: the PRF's hash, and the bytes of a key, of a nonce's implicit and explicit part.
     "ECDHE-ECDSA-AES128-GCM-SHA256": ("sha256", 16, 4, 8),
     "ECDHE-ECDSA-AES256-GCM-SHA384": ("sha384", 32, 4, 8),

@@ -14,8 +14,8 @@ from cogrip.protocol.settings.types import NAME_PATTERN
 
 SCHEME = "cogrip:"
 DEFAULT_PORT = 47800
-FINGERPRINT_DIGITS = 64  # SHA-256 of the certificate's DER
-TOKEN_CHARACTERS = 22  # 128 bits in base64url
+FINGERPRINT_DIGITS = 64  # hexadecimal digits of a fingerprint: SHA-256 of the certificate's DER
+TOKEN_CHARACTERS = 22  # characters of a token: 128 bits in base64url
 SHAPE = "cogrip://HOST:PORT/ROOM#FINGERPRINT.TOKEN"
 _MOST_CHARACTERS = 1000
 _MOST_SHOWN = 60

@@ -418,9 +418,11 @@ def pack_poses(poses: Sequence[tuple[int, Sequence[float]]]) -> bytes:
 
 
 Latest = State | Power  # frames of which the newest wins
-Frame = Waves | Latest  # what couplings send, one a frame
-FRAMES: Mapping[str, type[Frame]] = {each.__name__: each for each in (Waves, State, Power)}  # by `CouplingKind.frame`
-Observed = Person | Bodies | Geom | Mark | Effects | Note  # what observers are sent beside views
+Frame = Waves | Latest  # message that a coupling sends once a frame
+FRAMES: Mapping[str, type[Frame]] = {
+    each.__name__: each for each in (Waves, State, Power)
+}  # types by `CouplingKind.frame`
+Observed = Person | Bodies | Geom | Mark | Effects | Note  # message to an observer beside views
 AnyMessage = (
     Hello
     | Welcome

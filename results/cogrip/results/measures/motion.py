@@ -8,7 +8,7 @@ from cogrip.results.measures.columns import Array, RunColumns
 
 MOTION_HZ = 20.0  # corner of the filter: voluntary motion lies below 10 Hz, encoder steps above
 _WIDTHS = 4.0  # number of standard deviations at which the filter is cut off
-ENDPOINT = "endpoint_m"  # name of the measure
+ENDPOINT = "endpoint_m"  # name of the measure of a task's end point
 REST_S = 0.1  # time at the end over which a hand that presses rests
 REST_MPS = 0.002
 LEAST_PRESS_N = 0.05

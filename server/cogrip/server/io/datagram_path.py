@@ -11,7 +11,7 @@ CLOCK_EVERY = 32  # number of datagrams between two readings of the clock
 EARLY_CLOCK_EVERY = 4  # number of datagrams between two readings ahead of a step: so many may make it late
 AWAY_NS = 500_000_000  # lateness of a loop that had no processor: its people have become silent, and try other paths
 AWAY_LIMIT_NS, AWAY_MOST = 100_000_000, 4096
-"""Bounds on time and datagrams in place of the usual ones after such a lateness; more than a socket's buffer holds."""
+"""Bounds on time and datagrams in place of the usual ones after a lateness of AWAY_NS; more than a socket's buffer holds."""
 
 
 class DatagramPath:

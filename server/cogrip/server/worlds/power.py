@@ -31,7 +31,7 @@ from cogrip.protocol.settings.seat import SeatSettings
 from cogrip.server.worlds.world import Array, HandWorld, Row
 
 DRIFT_SHARE = 0.125  # share of the way from proxy to hand that is asked for in one frame
-DRIFT_MPS = 0.1  # largest speed that is asked for on that way
+DRIFT_MPS = 0.1  # largest speed that is asked for on the way from proxy to hand
 GIVE_SHARE = 0.25  # share of 1/b with which a proxy yields to its force while its client has nothing to take
 MOST_ITERATIONS = 60
 

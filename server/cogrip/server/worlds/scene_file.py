@@ -67,7 +67,7 @@ _GEOM = {
     "solref": (-CONTACT_RATE_PS2 * (1.0 - CONTACT_SHARE), -CONTACT_DAMPING_PS * (1.0 - CONTACT_SHARE)),
 }
 HOLD_RATE_PS2, HOLD_DAMPING_PS = 4.0 * CONTACT_RATE_PS2, 2.0 * CONTACT_DAMPING_PS
-"""The same two of welds, which are to store little."""
+"""Kappa and beta of a weld, which is to store little."""
 _EQUALITY = {
     "solimp": _GEOM["solimp"],
     "solref": (-HOLD_RATE_PS2 * (1.0 - CONTACT_SHARE), -HOLD_DAMPING_PS * (1.0 - CONTACT_SHARE)),

@@ -11,7 +11,9 @@ from cogrip.protocol.drawing import MOST_POINTS, MOST_SHAPES, Shape, pack_points
 from cogrip.server.worlds.scene_textures import texture_of
 
 _PULLEY = int(mujoco.mjtWrap.mjWRAP_PULLEY)
-_AT_ONE = (int(mujoco.mjtWrap.mjWRAP_SITE),)  # a tendon passes a site at one point, a geom that it goes round at two
+_AT_ONE = (
+    int(mujoco.mjtWrap.mjWRAP_SITE),
+)  # kinds that a tendon passes at one point; a geom that it goes round it passes at two
 _ROUND = (int(mujoco.mjtWrap.mjWRAP_SPHERE), int(mujoco.mjtWrap.mjWRAP_CYLINDER))
 _LINE_DIM, _SOLID_DIM = 1, 3
 NO_COLOUR = (0.5, 0.5, 0.5, 1.0)  # colour of what sets none

@@ -14,10 +14,20 @@ LEAF = 4  # most peers that are compared one by one
 MASK = 0x7FFFFFFF  # mask of 31 bits: the kernel takes another instruction for a constant of 32
 
 _NET = 0xFFF00000  # SKF_NET_OFF: offset from which on the network header is read
-_LOAD_WORD, _LOAD_HALF, _LOAD_BYTE = 0x20, 0x28, 0x30  # BPF_LD | BPF_ABS
-_MULTIPLY, _ADD_X, _AND, _SHIFT, _XOR_X = 0x24, 0x0C, 0x54, 0x74, 0xAC  # BPF_ALU, by the constant or X
-_EQUAL, _GREATER, _JUMP = 0x15, 0x25, 0x05  # BPF_JMP
-_RETURN, _TO_X = 0x06, 0x07  # BPF_RET, BPF_MISC | BPF_TAX
+_LOAD_WORD, _LOAD_HALF, _LOAD_BYTE = (
+    0x20,
+    0x28,
+    0x30,
+)  # opcodes that load from a place of the datagram: BPF_LD | BPF_ABS
+_MULTIPLY, _ADD_X, _AND, _SHIFT, _XOR_X = (
+    0x24,
+    0x0C,
+    0x54,
+    0x74,
+    0xAC,
+)  # opcodes of arithmetic, by the constant or by X: BPF_ALU
+_EQUAL, _GREATER, _JUMP = 0x15, 0x25, 0x05  # opcodes that jump: BPF_JMP
+_RETURN, _TO_X = 0x06, 0x07  # opcodes that return the constant, and copy A to X: BPF_RET, BPF_MISC | BPF_TAX
 
 _IPV4 = (0x45, (12,), 20)
 """First byte of a header without options; words of the source address; place of the source port."""
