@@ -112,7 +112,7 @@ def layout_of(first: Record, start: str = "{}", *, numbered: bool = False) -> To
     if isinstance(first, Ledger):
         return _account_layout(first.account, start)
     if isinstance(first, Datagram):
-        address = _scalar("address", str, lambda datagram: _host_port(datagram.address))
+        address = _scalar("address", str, lambda datagram: _endpoint(datagram.address))
         return TopicLayout([address, _scalar("data_hex", str, lambda datagram: datagram.data.hex())])
     return TopicLayout(_fields(type(first), 0))
 
@@ -242,7 +242,7 @@ def _as_read(tick: Tick) -> Tick:
     )
 
 
-def _host_port(text: str) -> str | None:
+def _endpoint(text: str) -> str | None:
     """Return a datagram's address as one types it; a client's has none."""
     if not text:
         return None

@@ -39,7 +39,7 @@ def who(
     """
     check_words("who: --room", room, MOST_WORD)
     if server:
-        port = _port_here(server, state, port)
+        port = _number_here(server, state, port)
     answer, folder = answer_of("who", WhoOrder(room), state, port)
     if json is not None:
         people = [{name: getattr(each, name) for name in RosterEntry.__struct_fields__} for each in answer.people]
@@ -55,7 +55,7 @@ def who(
     return 0
 
 
-def _port_here(server: str, state: Path | None, port: int) -> int:
+def _number_here(server: str, state: Path | None, port: int) -> int:
     """Return the port of a server of this machine. Raises BadInput for another machine, or where two ports are named."""
     if state is not None or port != DEFAULT_PORT:
         raise BadInput(f"who: {server} and --state or --port: give one of them")

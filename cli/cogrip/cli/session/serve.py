@@ -162,9 +162,9 @@ def serve(
         served = Served(rooms, host, port, folder, authenticator, encrypted, record, report, rates.found)
         placement: Placement
         if head is not None:
-            from cogrip.cli.session.serve_cluster import ClusterFlags, ClusterServer, ports_of  # with OpenSSL
+            from cogrip.cli.session.serve_cluster import ClusterFlags, ClusterServer, udp_range_of  # with OpenSSL
 
-            flags = ClusterFlags(head, public, ports_of(room_ports), checkpoints == "memory", runs)
+            flags = ClusterFlags(head, public, udp_range_of(room_ports), checkpoints == "memory", runs)
             placement = ClusterServer(served, flags, stop, lines, stack)
         elif count > 1:
             from cogrip.cli.session.serve_workers import WorkerServer  # with OpenSSL

@@ -60,7 +60,7 @@ def head_of(cluster: str) -> str:
     return found["head"] or ""
 
 
-def ports_of(given: str | None) -> UdpRange | None:
+def udp_range_of(given: str | None) -> UdpRange | None:
     """Return the ports of `--room-ports`, None where it is not given. Raises BadInput."""
     if given is None:
         return None

@@ -33,8 +33,8 @@ class Joint:
     ccw: bool
 
 
-class _Port:
-    """A port as the firmware knows it. id 0: unassigned."""
+class _Socket:
+    """A socket of the board, which its maker calls a port, as the firmware knows it. id 0: unassigned."""
 
     def __init__(self) -> None:
         self.motor_id = 0
@@ -59,7 +59,7 @@ class HaplyFirmware(Firmware):
         super().__init__(mechanics, faults)
         self._joints = joints
         self._homed = homed
-        self._ports = [_Port() for _ in range(PORTS)]
+        self._ports = [_Socket() for _ in range(PORTS)]
         self._analog_ids = [0] * ANALOG_PINS
         self._pwm_ids: dict[int, int] = {}
         self._buffer = b""
@@ -77,7 +77,7 @@ class HaplyFirmware(Firmware):
         return sense * port.duty / FULL_DUTY * MOST_NM
 
     def stop_motors(self) -> None:
-        self._ports = [_Port() for _ in range(PORTS)]
+        self._ports = [_Socket() for _ in range(PORTS)]
         self._forget()
         self._buffer = b""
         self._drive()
