@@ -4,7 +4,7 @@ from cogrip.server.core cimport ServerCore
 
 
 cdef class DatagramPath:
-    cdef object _port
+    cdef object _socket
     cdef object _channel
     cdef ServerCore _core
     cdef long long _limit_ns

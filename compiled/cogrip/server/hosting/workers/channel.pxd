@@ -10,7 +10,7 @@ cdef class WorkerChannel:
     cdef public object renewed
     cdef public object failed
     cdef object _link
-    cdef WorkerSockets _port
+    cdef WorkerSockets _sockets
     cdef RateLimiter _rate_limiter
     cdef object _seated
     cdef object _counts
