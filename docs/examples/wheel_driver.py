@@ -48,9 +48,9 @@ class WheelCodec:
 class Wheel:
     """A `Device`: making it opens nothing, and every error leaves zero force."""
 
-    def __init__(self, port: ByteLine) -> None:
+    def __init__(self, line: ByteLine) -> None:
         self.capability = RECORD
-        self._exchange = RequestExchange(port, WheelCodec())
+        self._exchange = RequestExchange(line, WheelCodec())
         self._open = False
         self._tick = 0
 
@@ -62,7 +62,7 @@ class Wheel:
         if self._open:
             raise DeviceError("wheel: is open already; close it first")
         check_rate(rate_hz, RECORD, "wheel")
-        self._exchange.port.open()
+        self._exchange.line.open()
         meet(self._exchange, (0,))
         self._exchange.start(rate_hz)
         self._open, self._tick = True, 0
@@ -88,10 +88,10 @@ class Wheel:
 
     def close(self) -> None:
         if self._open:
-            self._exchange.port.read(0.02)  # a reply may be due
-            self._exchange.port.write(self._exchange.codec.encode((0,)))
+            self._exchange.line.read(0.02)  # a reply may be due
+            self._exchange.line.write(self._exchange.codec.encode((0,)))
         self._open = False
-        self._exchange.port.close()
+        self._exchange.line.close()
 
     def _need(self, verb: str) -> None:
         if not self._open:

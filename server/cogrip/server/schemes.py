@@ -58,7 +58,7 @@ class Scheme(NamedTuple):
 
 SCHEMES: dict[Kind, Scheme] = {
     "wave": Scheme(WavePort, make_wave_world, ("scene", "SceneWorld")),
-    "local": Scheme(LocalPort, LocalFacesWorld, ("local_scene", "LocalScene")),
+    "local": Scheme(LocalPort, LocalFacesWorld, ("local_scene", "LocalSceneWorld")),
     "coupling": Scheme(StatePort, CoupledWorld, ("driven_scene", "CoupledScene")),
     "tdpa": Scheme(PowerPort, PowerWorld, ("driven_scene", "PowerScene")),
 }
