@@ -24,7 +24,19 @@ from cogrip.machine.histogram import DurationHistogram
 from cogrip.machine.tick_count import Percentiles, TickCount
 from cogrip.protocol.settings.seat import SeatSettings
 from cogrip.protocol.wire.accounts import ClientAccount, DelayAccount
-from cogrip.protocol.wire.messages import Bodies, Effects, Geom, Hello, Mark, Note, Person, SetHand, Stamp, Waves, encode
+from cogrip.protocol.wire.messages import (
+    Bodies,
+    Effects,
+    Geom,
+    Hello,
+    Mark,
+    Note,
+    Person,
+    SetHand,
+    Stamp,
+    Waves,
+    encode,
+)
 from cogrip.protocol.wire.session import ClientSession
 
 TOLD = Person, Bodies, Geom, Mark, Note, SetHand, Effects
