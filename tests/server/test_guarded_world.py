@@ -121,8 +121,8 @@ def test_a_world_that_cannot_be_made_says_why(world: type[ToolWorld], words: str
 
 def test_what_a_world_says_it_does_not_draw_is_told_to_who_looks_at_it() -> None:
     world = guarded(type("Dim", (Springs,), {"not_drawn": lambda self: ["the strings", "x" * 500]}))
-    assert world.not_drawn() == ("the strings", "x" * TEXT_BYTES)
-    assert world.notes()[0].startswith("not drawn of the scene: the strings, xxx")
+    assert world.drawing.left_out() == ("the strings", "x" * TEXT_BYTES)
+    assert world.drawing.notes()[0].startswith("not drawn of the scene: the strings, xxx")
 
 
 # Energy ----------------------------------------------------------------------------------------------------------------
@@ -294,7 +294,7 @@ def test_a_sound_world_is_never_limited_and_passes_unchanged(world: type[Springs
         assert [room.proxy_of(user) for user in (0, 1)] == [alone.proxy_of(user) for user in (0, 1)]
     assert room.motion() == alone.motion()
     assert room.port_work_j() == pytest.approx(alone.port_work_j(), abs=1e-15)
-    assert room.limiter_account()["limited_frames"] == 0
+    assert room.accounts.limiter()["limited_frames"] == 0
 
 
 # Saving ----------------------------------------------------------------------------------------------------------------

@@ -105,7 +105,7 @@ SPRUNG = "<joint type='slide' axis='1 0 0' stiffness='9'/>" + SLIDES.partition("
 def test_a_tool_that_cannot_be_put_anywhere_is_always_held_by_its_line(text: str, words: str) -> None:
     world = led(text, (0.1, 0.0, 0.0), frames=200)
     assert words in world.geometry[0].why
-    assert world.local_shapes(0) == ()
+    assert world.drawing.local_shapes(0) == ()
     assert world.engaged_at(0) == pytest.approx((0.0, 0.0, 0.0)), "where it was taken"
 
 

@@ -93,7 +93,7 @@ def test_a_script_turns_an_actuator_and_moves_a_mocap_body_that_pushes_what_is_i
     assert min(angles) < -0.3
     assert world.data.body("cart").xpos == pytest.approx([0.0, 0.0, 0.05], abs=1e-9)
     assert 0.049 < float(world.data.body("box").xpos[0]) < 0.07, "it is pushed ahead, and slides on a little"
-    assert world.scene_account()["mocap_slowed"] == 0
+    assert world.accounts.scene()["mocap_slowed"] == 0
     assert world.scene.unused == ()
     assert not [each for each in scene_findings(room()) if each.topic == "not used"]
 
@@ -109,10 +109,10 @@ def test_a_mocap_body_goes_in_equal_parts_and_no_faster_than_it_may(room: Any) -
     step(world, 200)
     assert world.data.body("cart").xpos == pytest.approx([-0.2, 0.0, 0.05])
     assert abs(world.data.body("cart").xquat[3]) == pytest.approx(1.0)
-    slowed = world.scene_account()["mocap_slowed"]
+    slowed = world.accounts.scene()["mocap_slowed"]
     assert slowed == 8, "frames in which it had farther to go"
     (told,) = [
-        text for _, text, about in notes({"server": {"scene": world.scene_account()}}) if about == "mocap bodies"
+        text for _, text, about in notes({"server": {"scene": world.accounts.scene()}}) if about == "mocap bodies"
     ]
     assert told.startswith("A script put mocap bodies farther than they may go, 8 times")
 

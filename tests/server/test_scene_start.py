@@ -106,7 +106,7 @@ def test_what_nothing_uses_is_said_by_advice_and_by_the_run(tmp_path: Path) -> N
     summary = run_laboratory(settings).summary
     assert summary["server"]["scene"]["unused"] == unused
     assert ("warn", f"What nothing here uses of the scene: {'; '.join(unused)}.") in verdict(summary)
-    assert world_in(tmp_path).notes() == (f"what nothing here uses of the scene: {'; '.join(unused)}",)
+    assert world_in(tmp_path).drawing.notes() == (f"what nothing here uses of the scene: {'; '.join(unused)}",)
     used = settings_of(tmp_path, SCENE, "aim", "", keyframe="high")
     assert not [each for each in scene_findings(used) if each.topic == "not used"]
 

@@ -93,4 +93,4 @@ def test_every_scheme_has_scenes_of_its_own(kind: Kind) -> None:
     row = (0.0,) * world.axes * world.inputs_per_axis
     world.join(0, np.zeros(3))
     assert len(world.advance([row])[0]) == 3 * (1 if waves else 2)
-    assert (world.limiter_account() is not None) == waves
+    assert (world.accounts.limiter() is not None) == waves

@@ -73,11 +73,11 @@ def test_a_live_scene_is_drawn_of_its_bodies() -> None:
     places: dict[int, Any] = {}
     settings = msgspec.to_builtins(load(Path("lift"), ["seconds=3"]))
     watched = Watched(**settings).run(
-        lambda lab: places.update({lab.room.steps: lab.room.world.poses_of_bodies().copy()})
+        lambda lab: places.update({lab.room.steps: lab.room.world.drawing.poses().copy()})
     )
     live, world = watched.live, watched.lab.room.world
     assert live is not None
-    assert live.scene.geoms == tuple(world.geoms())
+    assert live.scene.geoms == tuple(world.drawing.shapes())
     anchors = [pytest.approx((-world.offset[seat]).tolist()) for seat in (0, 1)]
     assert [person.anchor_m for person in live.scene.people] == anchors
     views = [message for message in watched.messages if isinstance(message, View)]

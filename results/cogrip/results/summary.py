@@ -124,11 +124,11 @@ def _of_room(
     summary = _of_settings(
         room.settings, room.settings.name, seconds, users, room.account(), {**dropped, **_limited(room)}, claims
     )
-    if (ledger := room.world.limiter_account()) is not None:
+    if (ledger := room.world.accounts.limiter()) is not None:
         summary["server"]["energy_limiter"] = ledger
-    if (task := room.world.task_account()) is not None:
+    if (task := room.world.progress.account()) is not None:
         summary["task"] = task
-    if (scene := room.world.scene_account()) is not None:
+    if (scene := room.world.accounts.scene()) is not None:
         summary["server"]["scene"] = scene
     if room.left:
         summary["server"]["left"] = [departure.table for departure in room.left]

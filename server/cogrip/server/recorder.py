@@ -88,8 +88,8 @@ class RecordedServer(ServerCore):
         self.timing = {room.name: (0, 0, 0) for room in self.rooms}
         self._address_texts: dict[Address, str] = {}
         self._idle_steps: dict[str, int] = {}
-        scenes = [room.name for room in self.rooms if room.world.geoms()]
-        measured = [room.name for room in self.rooms if room.world.sensor_names()]
+        scenes = [room.name for room in self.rooms if room.world.drawing.shapes()]
+        measured = [room.name for room in self.rooms if room.world.accounts.sensor_names()]
         self.topics = server_topics([room.name for room in self.rooms], scenes, measured)
         self._sensor_topic = {room: self.topics.index(sensor_topic(room)) for room in measured}
         self._named: set[str] = set()  # rooms whose sensors' names were recorded
@@ -205,22 +205,20 @@ class RecordedServer(ServerCore):
                 self._put_sensors(room)
 
     def _put_bodies(self, room: Room) -> None:
-        topic, world = self._scene_topic[room.name], room.world
+        topic, world, drawing = self._scene_topic[room.name], room.world, room.world.drawing
         offset = world.offset[:, :PLACES].tobytes()
         if self._drawn.get(room.name) != offset:
             self._drawn[room.name] = offset
             places = np.zeros((len(world.offset), PLACES))
             places[:, : min(PLACES, world.axes)] = world.offset[:, :PLACES]
-            self.put(
-                topic,
-                Geoms(tuple(world.geoms()), tuple(places.ravel().tolist()), tuple(world.not_drawn()) or msgspec.UNSET),
-            )
-        self.put(topic + 1, Poses(room.steps, tuple(world.poses_of_bodies().ravel().tolist())))
+            left_out = tuple(drawing.left_out()) or msgspec.UNSET
+            self.put(topic, Geoms(tuple(drawing.shapes()), tuple(places.ravel().tolist()), left_out))
+        self.put(topic + 1, Poses(room.steps, tuple(drawing.poses().ravel().tolist())))
 
     def _put_sensors(self, room: Room) -> None:
-        names = () if room.name in self._named else tuple(room.world.sensor_names())
+        names = () if room.name in self._named else tuple(room.world.accounts.sensor_names())
         self._named.add(room.name)
-        self.put(self._sensor_topic[room.name], Sensors(room.steps, names, room.world.sensors()))
+        self.put(self._sensor_topic[room.name], Sensors(room.steps, names, room.world.accounts.sensors()))
 
     def _put_waiting(self) -> None:
         if self._stepped is not None:
@@ -288,7 +286,7 @@ def _seat_step(room: Room, number: int) -> SeatStep:
     return SeatStep(
         seat.settings.user, True, world.proxy_of(number), world.force_of(number),
         port.up_margin_j, seat.line_margin_j, port.used_j, port.made_j, port.lost,
-        port.up_reserve.now_j, seat.line_reserve.now_j, *world.contact_of(number),
+        port.up_reserve.now_j, seat.line_reserve.now_j, *world.accounts.contact(number),
         handle.buttons, *handle.popped, handle.orientation, handle.grip_m,
     )  # fmt: skip
 

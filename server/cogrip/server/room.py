@@ -113,7 +113,7 @@ class Room:
 
     def _tell_geometry(self, number: int) -> None:
         """Begin to send a player the shapes with which its client renders contact."""
-        shapes = self.world.local_shapes(number)
+        shapes = self.world.drawing.local_shapes(number)
         self.seats[number].geometry = GeometrySender(shapes, self.settings.rates.network_hz) if shapes else None
 
     def leave_seat(self, number: int, event: str) -> SeatAccount | None:
@@ -171,7 +171,7 @@ class Room:
     def checkpoint(self) -> RoomCheckpoint:
         """Return the state from which a restarted server continues."""
         here, seats = self.world_step.motion()[: self._axes], tuple([seat.checkpoint() for seat in self.seats])
-        placed, progress = self.world.coordinates(), self.world.progress()
+        placed, progress = self.world.coordinates(), self.world.progress.save()
         return RoomCheckpoint(
             VERSION, self.name, self.digest, here, self.travel_m, self.steps, seats, *placed, progress
         )

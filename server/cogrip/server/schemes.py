@@ -90,7 +90,7 @@ def make_scene_world(settings: Settings, seats: Sequence[SeatSettings]) -> World
     given = settings.object
     script, identity = scene_script.script_of(given.script) if given.script else (None, "")
     world = make(seats, scene_file.scene_of_settings(settings, seats[0].rates.frame_s, identity), given.substeps)
-    world.watch(settings.task)
+    world.progress.watch(settings.task)
     if script is not None:
         world.follow(script)
     return world

@@ -151,7 +151,7 @@ def scene_notes(settings: Settings) -> tuple[str, ...]:
 
     with BadInput.of(ValueError):  # a SceneError
         world = make_scene_world(settings, [seat_settings(settings, seat) for seat in range(len(settings.users))])
-        return tuple(world.notes())
+        return tuple(world.drawing.notes())
 
 
 def tell_scene(settings: Settings) -> None:

@@ -27,7 +27,7 @@ class LaboratorySessions:
         def reached(laboratory: Laboratory) -> bool:
             if goal.stated:
                 return watch.look(laboratory.seconds, laboratory.room.world.position.tolist())
-            task = laboratory.room.world.task_account()
+            task = laboratory.room.world.progress.account()
             return bool(task and task["reached"])
 
         how = "time"

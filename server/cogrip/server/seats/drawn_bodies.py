@@ -35,13 +35,13 @@ class DrawnBodies:
 
     def _notes(self, world: World) -> list[Note]:
         self._noted += 1
-        if self._noted % NOTE_EVERY or not (notes := world.notes()[:MOST_NOTES]):
+        if self._noted % NOTE_EVERY or not (notes := world.drawing.notes()[:MOST_NOTES]):
             return []
         number = self._noted // NOTE_EVERY % len(notes)
         return [Note(1, len(notes), number, clipped(shown(notes[number])))]
 
     def _drawn(self, step: int, world: World) -> list[Bodies | Geom]:
-        shapes = world.geoms()
+        shapes = world.drawing.shapes()
         if not shapes:
             return []
         chosen: list[int] = []
@@ -51,7 +51,7 @@ class DrawnBodies:
                 break
         self._turn = (self._turn + len(chosen)) % len(shapes)
         told: list[Bodies | Geom] = [Geom.of(shapes, number, 1) for number in chosen]
-        poses = self._next_poses(_within(world.poses_of_bodies()[:MOST_SHAPES]))
+        poses = self._next_poses(_within(world.drawing.poses()[:MOST_SHAPES]))
         return [Bodies(1, step, poses), *told] if poses else told
 
     def _next_poses(self, poses: Array) -> bytes:

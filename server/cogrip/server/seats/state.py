@@ -19,7 +19,7 @@ def account_of(seat: Seat, world: World) -> SeatAccount:
         return seat.last or SeatAccount((0.0,) * world.axes, None, None, LinkCount())
     return SeatAccount(
         world.proxy_of(seat.number), port.up_margin_j, seat.line_margin_j, port.count(), port.playout_account(),
-        rendered_npm=world.stiffness_of(seat.number) if seat.on_object else None,
+        rendered_npm=world.accounts.stiffness(seat.number) if seat.on_object else None,
         up_reserve_j=port.up_reserve.reported_j, line_reserve_j=seat.line_reserve.reported_j,
     )  # fmt: skip
 
@@ -31,13 +31,13 @@ def place_again(world: World, seats: Sequence[Seat], checkpoint: RoomCheckpoint)
         raise CheckpointError("its seats or axes are not this room's")
     try:
         if checkpoint.progress:
-            expected, short = len(world.progress()), world.unsaved_progress
+            expected, short = len(world.progress.save()), world.progress.unsaved
             check_saved(checkpoint.progress, expected - short * (len(checkpoint.progress) == expected - short))
         world.restore_coordinates(checkpoint.position_m, checkpoint.scene, checkpoint.coordinates)
     except WorldError as error:
         raise CheckpointError(str(error)) from None
     if checkpoint.progress:
-        world.restore_progress(checkpoint.progress)
+        world.progress.restore(checkpoint.progress)
 
 
 def put_back(world: World, seats: Sequence[Seat], idle_row: Row) -> list[Row]:

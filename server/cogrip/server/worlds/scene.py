@@ -27,21 +27,20 @@ import mujoco  # type: ignore[import-untyped]
 import numpy as np
 
 from cogrip.protocol.axes import GRIP_AXES, PLACES
-from cogrip.protocol.drawing import UNTURNED, Shape
 from cogrip.protocol.laws.rotations import log
-from cogrip.protocol.scene_words import changed_words, unused_words
 from cogrip.protocol.settings.seat import SeatSettings
+from cogrip.server.worlds.accounts import Accounts
 from cogrip.server.worlds.energy_limiter import EnergyLimiter
 from cogrip.server.worlds.equality_rows import EqualityRows
 from cogrip.server.worlds.opening_ports import OpeningPorts
+from cogrip.server.worlds.scene_accounts import SceneAccounts, SceneProgress
 from cogrip.server.worlds.scene_bodies import SceneBodies, Workspace
 from cogrip.server.worlds.scene_contacts import SceneContacts
+from cogrip.server.worlds.scene_drawing import SceneDrawing
 from cogrip.server.worlds.scene_file import Scene
 from cogrip.server.worlds.scene_grips import grip_of
-from cogrip.server.worlds.scene_measures import SceneMeasures
 from cogrip.server.worlds.scene_object import SceneObject
 from cogrip.server.worlds.scene_script import RunningScript, ScriptedScene
-from cogrip.server.worlds.scene_shapes import shapes_of
 from cogrip.server.worlds.scene_state import SceneEnergy, check_memory, check_rates
 from cogrip.server.worlds.turning_ports import TurningPorts
 from cogrip.server.worlds.velocity_forces import VelocityForces
@@ -51,7 +50,7 @@ from cogrip.server.worlds.world import Array, Row, World, WorldError, check_save
 _STATE = mujoco.mjtState.mjSTATE_INTEGRATION
 
 
-class SceneWorld(SceneMeasures):
+class SceneWorld(World):
     """`position` and `velocity` are those of the scene's object, its start being 0; `orientation` is its quaternion.
 
     A tool starts where the file has it, for a hand in the middle of its own frame. One that nobody holds touches nothing,
@@ -69,15 +68,15 @@ class SceneWorld(SceneMeasures):
         self.data = scene.start.data(model)
         self.object = SceneObject(scene, self.data)
         self.object_name = (self.object.there and model.body(scene.object).name) or World.object_name
-        drawn = shapes_of(scene, self.object.start)
-        self._shapes, self._drawn, self._points = drawn.shapes, drawn.bodies, drawn.points
-        self._not_drawn = drawn.left_out
         self._energy = SceneEnergy(model)
         self._equalities, self._warm = EqualityRows(model), WarmStart(model)
         self._forces = VelocityForces(model)
         super().__init__(seats)
         self.limiter = EnergyLimiter(self.frame_s)
         self.contacts = SceneContacts(scene, self.frame_s)
+        self.drawing = SceneDrawing(scene, self.data, self.object.start)
+        self.accounts: Accounts = SceneAccounts(self, [seat.user for seat in seats])
+        self.progress: SceneProgress = SceneProgress(self)
         self.solid, self.kinematic = np.zeros((2, len(seats)), dtype=bool)
         self._dofs = np.array([range(tool.dof, tool.dof + 3) for tool in scene.tools])
         self._places = np.array([range(tool.coordinate, tool.coordinate + 3) for tool in scene.tools])
@@ -104,9 +103,9 @@ class SceneWorld(SceneMeasures):
         """Let a script set controls and move mocap bodies, before each step."""
         self._script = script
 
-    def scene_account(self) -> dict[str, Any]:
-        told = super().scene_account()
-        return told if self._script is None else told | {"mocap_slowed": self._scripted.slowed}
+    def script_account(self) -> dict[str, Any]:
+        """Return what a run tells of the script; nothing where there is none."""
+        return {} if self._script is None else {"mocap_slowed": self._scripted.slowed}
 
     def limit_calls(self, limit: Callable[[], AbstractContextManager[None]]) -> None:
         if self._script is not None:
@@ -168,23 +167,6 @@ class SceneWorld(SceneMeasures):
         """Place of the object in the world; where there is none it is always within."""
         return self.object.at if self.object.there else self.workspace.middle
 
-    def geoms(self) -> Sequence[Shape]:
-        return self._shapes
-
-    def not_drawn(self) -> Sequence[str]:
-        return self._not_drawn
-
-    def notes(self) -> Sequence[str]:
-        scene = self.scene
-        told = ((scene.changed, changed_words), (scene.unused, unused_words))
-        return (*super().notes(), *(say(words) for words, say in told if words))
-
-    def poses_of_bodies(self) -> Array:
-        places = np.concatenate((self.data.xpos[self._drawn], self._points.places(self.data)))
-        turns = np.tile(UNTURNED, (len(places), 1))
-        turns[: len(self._drawn)] = self.data.xquat[self._drawn]
-        return np.concatenate((places - self.object.start, turns), axis=1)
-
     @property
     def energy_j(self) -> float:
         """Kinetic and potential energy of all bodies."""
@@ -204,9 +186,6 @@ class SceneWorld(SceneMeasures):
 
     def set_reported_rotation(self, user: int, rotation_rad: Row, travelled_rad: Row) -> None:
         self.turning.set_hand(user, rotation_rad, travelled_rad)
-
-    def stiffness_of(self, user: int) -> float | None:
-        return None
 
     # Taking hold and letting go
 
@@ -383,21 +362,15 @@ class SceneWorld(SceneMeasures):
             mujoco.mj_step1(model, data)
         check_memory(data)
         self.departed += self._free_bodies.departed(data)
-        if self._watch:
-            body, progress = self._watch
-            self.events += progress.frame(*self._pose_of(body), self.holding.tolist())
+        self.events += self.progress.frame()
         moved: Array = np.add.reduce(rates, axis=0, initial=0.0)
         squares: Array = np.add.reduce(rates * rates, axis=0, initial=0.0)
         return moved, squares
 
     def _begin_anew(self, put_back: Sequence[int]) -> None:
-        """Bring data up to bodies that were put where they started: what a task asks for there is nobody's doing."""
-        if self._watch and self._watch[0] in put_back:
-            self._watch[1].put_back()
+        """Bring data up to bodies that were put where they started."""
+        self.progress.put_back(put_back)
         self._refresh()
-
-    def limiter_account(self) -> dict[str, float] | None:
-        return self.limiter.account()
 
     # Saving
 

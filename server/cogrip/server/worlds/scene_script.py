@@ -9,7 +9,7 @@ of the hands': they get back no more than they put in (`energy_limiter`).
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Sequence
 from contextlib import AbstractContextManager, nullcontext
-from math import isfinite
+from math import acos, hypot, isfinite
 from pathlib import Path
 from typing import Any, ClassVar
 
@@ -22,7 +22,7 @@ from cogrip.protocol.texts import shown
 from cogrip.server.worlds.guarded import called
 from cogrip.server.worlds.registry import WorldKindError, class_in
 from cogrip.server.worlds.scene_text import listed
-from cogrip.server.worlds.world import Row, WorldError, check_saved
+from cogrip.server.worlds.world import Row, WorldError, check_saved, dot
 
 Array = NDArray[np.float64]
 MOST_MPS = 2.5  # largest speed of a mocap body: at it no contact is found late
@@ -31,7 +31,7 @@ MOST_KEPT = 10_000  # most numbers that a script keeps
 
 
 class ScriptedScene:
-    """What a script sees and sets of its scene. Bodies, actuators and sensors go by their names."""
+    """The scene as a script sees and sets it. Bodies, actuators and sensors go by their names."""
 
     def __init__(self, model: mujoco.MjModel, data: mujoco.MjData, sensors: Sequence[str], frame_s: float) -> None:
         self._model, self._data, self._frame_s = model, data, frame_s
@@ -77,16 +77,16 @@ class ScriptedScene:
             raise WorldError(f'{shown(body)!r} is no mocap body, or a person holds it as a tool; give it mocap="true"')
         place = np.array(place_m, dtype=float)
         turn = np.array(self.from_turn[number] if orientation is None else orientation, dtype=float)
-        size = float(np.linalg.norm(turn)) if turn.shape == (4,) else 0.0
+        size = hypot(*turn.tolist()) if turn.shape == (4,) else 0.0
         if place.shape != (3,) or not np.all(np.isfinite(place)) or not 0.5 < size < 2.0:
             raise WorldError(
                 f"{shown(body)!r} is put at {place_m}, turned by {orientation}: give three places and a quaternion"
             )
         step, turn = place - self.from_place[number], turn / size
-        if float(turn @ self.from_turn[number]) < 0.0:
+        if dot(turn, self.from_turn[number]) < 0.0:
             turn = -turn  # the shorter way
-        distance, most = float(np.linalg.norm(step)), MOST_MPS * self._frame_s
-        angle = 2.0 * float(np.arccos(np.clip(turn @ self.from_turn[number], 0.0, 1.0)))
+        distance, most = hypot(*step.tolist()), MOST_MPS * self._frame_s
+        angle = 2.0 * acos(min(1.0, max(0.0, dot(turn, self.from_turn[number]))))
         if distance > most or angle > MOST_RADPS * self._frame_s:
             self.slowed += 1
             share = min(
@@ -95,7 +95,7 @@ class ScriptedScene:
             share = min(share, 1.0)
             step = share * step
             turn = (1.0 - share) * self.from_turn[number] + share * turn
-            turn /= np.linalg.norm(turn)
+            turn /= hypot(*turn.tolist())
         self.to_place[number], self.to_turn[number] = self.from_place[number] + step, turn
 
     def begin(self) -> None:
@@ -108,7 +108,7 @@ class ScriptedScene:
         data = self._data
         data.mocap_pos[:] = self.from_place + share * (self.to_place - self.from_place)
         turned = self.from_turn + share * (self.to_turn - self.from_turn)
-        data.mocap_quat[:] = turned / np.linalg.norm(turned, axis=1, keepdims=True) if len(turned) else turned
+        data.mocap_quat[:] = turned / np.sqrt(np.add.reduce(turned * turned, axis=1))[:, None]
 
     def _number(self, kind: str, name: str) -> int:
         names = self.names[kind]
