@@ -52,6 +52,7 @@ start = 4.0
 least = 0.1
 most = 20.0
 trials = 6
+catch_every = 0
 question = "wider"
 """
 

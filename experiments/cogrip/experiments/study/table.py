@@ -49,7 +49,7 @@ class StudyTable(NamedTuple):
     rows: list[Row]
     notes: list[str]
     empty: list[str]
-    phases: list[Row]
+    phases: Sequence[Row] = ()
 
 
 def read_table(path: Path, progress: Callable[[int, int], None] = lambda done, total: None) -> StudyTable:
