@@ -1,4 +1,4 @@
-"""The trial of motors before a client of `cogrip.api` takes a seat: the same as that of `cogrip join`, with an option of its own."""
+"""The trial of motors before a client of `cogrip.api` takes a seat: that of `cogrip join`, with an option of its own."""
 
 from pathlib import Path
 

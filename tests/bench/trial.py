@@ -50,7 +50,7 @@ def bench_trial(*, recorded: int = 32) -> int:
     if recorded and not DATA.is_dir():
         raise Problem(f"{DATA} is not there, and holds the recorded hands; put it there, or give --recorded 0")
     fine, hands = [arm for arm in ARMS if arm not in COARSE], (SOFT, FIRM)
-    rows: list[tuple[str, str, str]] = []
+    rows: list[tuple[str, ...]] = []
     refused = False
 
     def row(what: str, words: str, *, fault: str = "", late_ticks: int = 0, held_by: Sequence[str] = hands) -> None:

@@ -1,7 +1,7 @@
 """Trial of motors before a seat is taken: what it names, what it leaves open, and that no hand is taken for a fault."""
 
 import csv
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import suppress
 from itertools import combinations, product
 from pathlib import Path
@@ -45,7 +45,12 @@ def tried(arm: str, hand: str, fault: str = "", late_ticks: int = 0) -> Tried:
     device = FaultyDevice(make(f"{arm}?hand={hand}", axes=axes), fault, late_ticks)
     asked: list[tuple[float, ...]] = []
     write, ticks = device.write, [0]
-    device.write = lambda force_n: (asked.append(tuple(force_n)), write(force_n))[1]  # type: ignore[method-assign]
+
+    def written(force_n: Sequence[float]) -> Sequence[float] | None:
+        asked.append(tuple(force_n))
+        return write(force_n)
+
+    device.write = written  # type: ignore[method-assign]
 
     def clock(tick: int) -> int:
         ticks[0] = tick

@@ -126,7 +126,7 @@ def test_a_part_of_a_run_is_on_the_clock_of_the_whole(tmp_path: Path) -> None:
         ([{**PREPARE, "seconds": 0.09}, REST], "blocks.0.phases.0.seconds"),
         ([{**PREPARE, "cue": "x" * 201}, REST], "blocks.0.phases.0.cue"),
         ([{**PREPARE, "text": "now"}, REST], "blocks.0.phases.0.text: there is no such setting"),
-        ([PREPARE, PUSH], "they last 2.5 s, and a trial session.seconds = 3; make them alike, or leave out the seconds of push"),
+        ([PREPARE, PUSH], "they last 2.5 s, and a trial session.seconds = 3; make them alike, or leave out the"),
         ([PREPARE, PUSH, {**REST, "seconds": 0.6}], "they last 3.1 s, and a trial session.seconds = 3"),
         ([{**PREPARE, "seconds": 3.0}, REST], "3 s are over before rest begins"),
         ([REST, PUSH], "rest: seconds is missing; only the last phase goes without"),

@@ -14,8 +14,8 @@ from cogrip.cli.session.joined_device import judge_seat
 from cogrip.client.loop import LiveClient
 from cogrip.client.recorder import RecordedClient
 from cogrip.devices.device import Capability, Device, DeviceError, Sample, check_rate
-from cogrip.devices.steered.device import INPUT_ONLY
 from cogrip.devices.simulated.ideal import IdealSettings, capability
+from cogrip.devices.steered.device import INPUT_ONLY
 from cogrip.machine.stop import Stop
 from cogrip.protocol.accounts import ClientAccount
 from cogrip.protocol.session import ClientSession

@@ -164,11 +164,8 @@ class LiveSessions:
                 raise Quit
             if line in ENDS:
                 return Ended(ENDS[line], "operator")
-            for name, child in children.items():
-                if child.poll() is not None:
-                    return Ended(
-                        Event.FAILED, f"{name}: {how_ended(child, _log(folder, name))}; see {_log(folder, name)}"
-                    )
+            if failed := _failed(children, folder):
+                return Ended(Event.FAILED, failed)
             fresh = run.steps(settings.name)
             if start.state == "waiting":
                 self._take_ready(start, people, fresh, line)
@@ -236,6 +233,14 @@ class LiveSessions:
         if not goal.stated or any(x is None for x in step.object_m):
             return False
         return watch.look(step.step / settings.rates.network_hz, [x for x in step.object_m if x is not None])
+
+
+def _failed(children: Children, folder: Path) -> str:
+    """Return which process of a session ended before its time, and how; "" while all go on."""
+    for name, child in children.items():
+        if child.poll() is not None:
+            return f"{name}: {how_ended(child, _log(folder, name))}; see {_log(folder, name)}"
+    return ""
 
 
 def _log(folder: Path, name: str) -> Path:

@@ -107,14 +107,9 @@ def study(
     path = out or Path(STUDIES) / asked.name.replace(" ", "+")
     with BadInput.of(StudyError), Problem.of(OSError, where=f"--out {path}: cannot be written: "):
         folder = StudyFolder(path, asked, base, "live" if live else "simulated", system.lock)
-    for note in folder.notes:
-        console.print(f"note: {note}")
     if over := add_integers(line.over for line in folder.trials):
         console.print(f"over already, in {path}: {counted(over)}")
-    for block in (each for each in asked.blocks if each.order == "latin"):
-        if why := unfilled(len(asked.conditions_of(block)), block.repetitions, len(asked.groups())):
-            console.print(f"note: block {block.name}: {why}")
-    for note in _uncaught(asked):
+    for note in [*folder.notes, *_unfilled(asked), *_uncaught(asked)]:
         console.print(f"note: {note}")
     stop = Stop()
     with closing(folder), on_signals(stop), ExitStack() as stack:
@@ -185,6 +180,15 @@ def counted(trials: int) -> str:
 
 def _utc() -> str:
     return datetime.now(UTC).isoformat(timespec="milliseconds")
+
+
+def _unfilled(study: Study) -> list[str]:
+    """Return which Latin squares the participants do not fill."""
+    squares = [(block, len(study.conditions_of(block))) for block in study.blocks if block.order == "latin"]
+    groups = len(study.groups())
+    return [
+        f"block {block.name}: {why}" for block, size in squares if (why := unfilled(size, block.repetitions, groups))
+    ]
 
 
 def _uncaught(study: Study) -> list[str]:

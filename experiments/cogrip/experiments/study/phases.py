@@ -69,7 +69,10 @@ def spells(run: str, markers: Sequence[tuple[float, str]], end_s: float) -> list
 
 
 def unfit_phases(phases: Sequence[Phase], seconds: float, longest_run: str) -> str:
-    """Return why a trial of so many seconds cannot have these phases, "" if it can. longest_run: of all names of run folders."""
+    """Return why a trial of so many seconds cannot have these phases, "" if it can.
+
+    longest_run: of all names of its run folders.
+    """
     if len(phases) > MOST_PHASES:
         return f"{len(phases)} are too many; a trial has at most {MOST_PHASES}"
     names = [phase.name for phase in phases]

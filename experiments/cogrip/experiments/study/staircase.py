@@ -72,8 +72,8 @@ class Staircase(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only
 class Estimate(NamedTuple):
     """A threshold, its interval, its standard error as a share of it, the share of right answers, and their number.
 
-    reversals  geometric mean of the levels at which tracks turned, without the first ones; None where too few did. It lies above
-               the threshold of an observer who is flat or lapses
+    reversals  geometric mean of the levels at which tracks turned, without the first ones; None where too few did. It lies
+               above the threshold of an observer who is flat or lapses
     warnings   why it may be none: the answers do not fit, or a track sat at a bound
     """
 
@@ -202,8 +202,8 @@ def uncaught(rule: Staircase) -> str:
     if rule.catch_every or rule.lapse is not None:
         return ""
     return (
-        "no catch trials: lapses and a flat slope look alike, and 200 answers told thresholds of rehearsed observers 11 % too low "
-        f"to 9 % too high (docs/studies.md); staircase.catch_every = {CATCH_EVERY} tells them apart"
+        "no catch trials: lapses and a flat slope look alike, and 200 answers told thresholds of rehearsed observers from 11 % "
+        f"too low to 9 % too high (docs/studies.md); staircase.catch_every = {CATCH_EVERY} tells them apart"
     )
 
 
