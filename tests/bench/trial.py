@@ -16,6 +16,7 @@ from tests.devices.faulty_device import FAULTS
 from tests.devices.test_motor_trial import ARMS, COARSE, DATA, FIRM, MOVING, RIGID, SOFT, WORDS, pieces, tried
 
 LATE = "ticks later than they say"
+OUTCOMES = NAMED, BESIDE, OTHER, UNKNOWN, WELL = "named", "with others", "another", "not determined", "well"
 Case = tuple[str, str, str, int]
 """arm, hand, fault, ticks by which samples are late"""
 
@@ -24,17 +25,17 @@ def judged(outcome: Tried, words: str) -> str:
     """Return what became of a case. words: of the fault that is there, "" where none is."""
     if outcome.faults:
         right = words and all(words in text for text in outcome.faults)
-        return "named" if right else "named with others" if words and words in outcome.text else "another named"
-    return "not determined" if outcome.unknown else "said to be well"
+        return NAMED if right else BESIDE if words and words in outcome.text else OTHER
+    return UNKNOWN if outcome.unknown else WELL
 
 
-def counted(cases: Iterable[Case], words: str) -> str:
-    """Return how often each came of these cases, in words."""
+def counted(cases: Iterable[Case], words: str) -> Counter[str]:
+    """Return how often each came of these cases."""
     found: Counter[str] = Counter()
     for arm, hand, fault, late_ticks in cases:
         with suppress(DeviceError):  # the hand left the arm's workspace
             found[judged(tried(arm, hand, fault, late_ticks), words)] += 1
-    return ", ".join(f"{what} {count}" for what, count in found.most_common())
+    return found
 
 
 def bench_trial(*, recorded: int = 32) -> int:
@@ -55,12 +56,10 @@ def bench_trial(*, recorded: int = 32) -> int:
 
     def row(what: str, words: str, *, fault: str = "", late_ticks: int = 0, held_by: Sequence[str] = hands) -> None:
         nonlocal refused
-        told = [
-            counted([(arm, hand, fault, late_ticks) for arm in arms for hand in held_by], words)
-            for arms in (fine, COARSE)
-        ]
-        refused = refused or (not words and any("another" in text for text in told))
-        rows.append((what, *told))
+        for who, arms in (("five arms", fine), ("2diy", COARSE)):
+            told = counted([(arm, hand, fault, late_ticks) for arm in arms for hand in held_by], words)
+            refused = refused or (not words and told[OTHER] > 0)
+            rows.append((what, who, *[str(told[each]) for each in OUTCOMES], str(told.total())))
 
     for fault in FAULTS:
         row(fault, WORDS[fault], fault=fault)
@@ -71,5 +70,5 @@ def bench_trial(*, recorded: int = 32) -> int:
     row("well, in a hand that moves", "", held_by=MOVING[:3])
     with tempfile.TemporaryDirectory() as folder:
         row("well, in recorded hands", "", held_by=list(pieces(Path(folder), 0, recorded)))
-    make_console(soft_wrap=True).print(plain_table(("device", "five arms", "2diy"), rows))
+    make_console(soft_wrap=True).print(plain_table(("device", "arms", *OUTCOMES, "of"), rows, left=2))
     return int(refused)
