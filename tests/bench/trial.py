@@ -16,7 +16,7 @@ from tests.devices.faulty_device import FAULTS
 from tests.devices.test_motor_trial import ARMS, COARSE, DATA, FIRM, MOVING, RIGID, SOFT, WORDS, pieces, tried
 
 LATE = "ticks later than they say"
-OUTCOMES = NAMED, BESIDE, OTHER, UNKNOWN, WELL = "named", "with others", "another", "not determined", "well"
+OUTCOMES = NAMED, BESIDE, OTHER, UNKNOWN, WELL = "named", "beside", "other", "unknown", "well"
 Case = tuple[str, str, str, int]
 """arm, hand, fault, ticks by which samples are late"""
 
@@ -56,7 +56,7 @@ def bench_trial(*, recorded: int = 32) -> int:
 
     def row(what: str, words: str, *, fault: str = "", late_ticks: int = 0, held_by: Sequence[str] = hands) -> None:
         nonlocal refused
-        for who, arms in (("five arms", fine), ("2diy", COARSE)):
+        for who, arms in (("five", fine), ("2diy", COARSE)):
             told = counted([(arm, hand, fault, late_ticks) for arm in arms for hand in held_by], words)
             refused = refused or (not words and told[OTHER] > 0)
             rows.append((what, who, *[str(told[each]) for each in OUTCOMES], str(told.total())))
@@ -66,9 +66,9 @@ def bench_trial(*, recorded: int = 32) -> int:
     for late_ticks in range(1, 9):
         row(f"{late_ticks} ticks late", LATE, late_ticks=late_ticks)
     row("well", "")
-    row("well, held like a rock", "", held_by=[RIGID])
-    row("well, in a hand that moves", "", held_by=MOVING[:3])
+    row("well, in a rock", "", held_by=[RIGID])
+    row("well, moving hands", "", held_by=MOVING[:3])
     with tempfile.TemporaryDirectory() as folder:
-        row("well, in recorded hands", "", held_by=list(pieces(Path(folder), 0, recorded)))
+        row("well, recorded", "", held_by=list(pieces(Path(folder), 0, recorded)))
     make_console(soft_wrap=True).print(plain_table(("device", "arms", *OUTCOMES, "of"), rows, left=2))
     return int(refused)
