@@ -7,7 +7,7 @@ import pytest
 from msgspec.structs import replace
 
 from cogrip.experiments.study.conductor import Conductor
-from cogrip.experiments.study.journal import StudyFolder
+from cogrip.experiments.study.journal import STUDY, StudyFolder
 from cogrip.experiments.study.plan import CATCH, planned
 from cogrip.experiments.study.staircase import uncaught
 from cogrip.experiments.study.study_file import Study, StudyError
@@ -88,3 +88,16 @@ def test_a_staircase_has_catch_trials_unless_it_says_that_it_has_none(tmp_path: 
     assert uncaught(with_catch) == ""
     assert "catch_every = 4" in uncaught(without)
     assert uncaught(replace(without, lapse=0.01)) == ""
+
+
+@pytest.mark.parametrize("told", [True, False])
+def test_a_study_that_began_without_catch_trials_goes_on_without(told: bool, tmp_path: Path) -> None:
+    """Also where its folder is of before there were any: whoever goes on says so, and is told which key it is."""
+    without, usual = parsed(PLAIN), parsed(PLAIN.replace("catch_every = 0\n", ""))
+    StudyFolder(tmp_path / "study", without, {}).close()
+    if not told:
+        file = tmp_path / "study" / STUDY
+        file.write_text(file.read_text().replace('"catch_every": 0,', ""))
+    with pytest.raises(StudyError, match=r"\(other study\.blocks\.1\.staircase\.catch_every\)"):
+        StudyFolder(tmp_path / "study", usual, {})
+    StudyFolder(tmp_path / "study", without, {}).close()
