@@ -21,7 +21,7 @@ from cogrip.client.hand_aids import part_of
 from cogrip.client.hand_motion import HandMotion, work_and_velocity
 from cogrip.client.peaks import Peaks
 from cogrip.client.pose_axes import PoseAxes, Row
-from cogrip.client.safety import Safety
+from cogrip.client.safety import DRIVES, Safety
 from cogrip.client.schemes import SCHEMES
 from cogrip.client.seat_hand import SeatHand
 from cogrip.client.shaking import Shaking
@@ -389,7 +389,7 @@ class SeatedClient(SeatHand):
         if self.port.persists:
             if cause != "limit":
                 safety.unstable = safety.unstable or reason
-            safety.fail(f"{reason}, then re-arm")
+            safety.fail(f"{reason}, then re-arm; {DRIVES}")
         else:
             safety.event("stale", reason)
 
