@@ -1,8 +1,9 @@
-"""Compile the modules that have types for a compiler beside them (docs/decisions/0028-typed-classes.md).
+"""Compile the modules that have types for a compiler (docs/decisions/0028-typed-classes.md).
 
-A module `x.py` with an `x.pxd` is compiled as it is, its classes as structs; `x.pyx` is there only compiled, or in place of an
-`x.py` with the same functions. The results lie beside their sources and take the place of these when they are imported. They
-are no part of the project, and nothing needs them; `dev.py` removes what is of sources that were changed meanwhile.
+Types for a compiler stand in a tree of their own, `compiled/`, in the places of their modules. A module `x.py` with an `x.pxd`
+there is compiled as it is, its classes as structs; `x.pyx` is there only compiled, or in place of an `x.py` with the same
+functions. The results lie beside the modules and take the place of these when they are imported. They are no part of the
+project, and nothing needs them; `dev.py` removes what is of sources that were changed meanwhile.
 In a wheel this file is `cogrip.cli.compiling`, for `cogrip compile`; what it makes is entered in the list of what pip has
 installed, so that pip removes it with the version that it is of.
 What is compiled is a copy in which functions have the values of numeric constants in place of their names (`with_values`): a
@@ -36,6 +37,7 @@ HERE = Path(__file__).resolve().parent
 INSTALLED = not (HERE / "pyproject.toml").exists()  # This file is cogrip/cli/compiling.py of a wheel then.
 ROOT = HERE.parents[1] if INSTALLED else HERE
 COMMAND = "cogrip compile" if INSTALLED else "python3 dev.py compile"
+TYPES = ROOT / ("cogrip/machine/compiled" if INSTALLED else "compiled")  # tree of what a compiler alone reads
 PARTS = ("machine", "protocol", "devices", "client", "server")
 SUFFIX = str(sysconfig.get_config_var("EXT_SUFFIX"))
 FLAGS = [
@@ -78,22 +80,27 @@ def folder_of(part: str) -> Path:
 def sources() -> list[tuple[str, Path]]:
     """Return the modules to compile: name and source."""
     found = []
-    for part in PARTS:
-        for path in sorted(folder_of(part).rglob("*.p[xy][dx]")):
-            source = path.with_suffix(".py") if path.suffix == ".pxd" else path
-            if path.suffix == ".pxd" and path.with_suffix(".pyx").exists():
-                continue
-            if path.stem in LINUX_ONLY and sys.platform != "linux":
-                continue
-            found.append((".".join(source.relative_to(base_of(part)).with_suffix("").parts), source))
+    for types in sorted(TYPES.rglob("*.p[xy][dx]")):
+        within = types.relative_to(TYPES)
+        if types.suffix == ".pxd" and types.with_suffix(".pyx").exists():
+            continue
+        if types.stem in LINUX_ONLY and sys.platform != "linux":
+            continue
+        source = types if types.suffix == ".pyx" else base_of(within.parts[1]) / within.with_suffix(".py")
+        found.append((".".join(within.with_suffix("").parts), source))
     return found
+
+
+def place_of(name: str) -> Path:
+    """Return the place of a module's compiled form, beside its source."""
+    return base_of(name.split(".")[1]) / Path(*name.split(".")).with_name(_last(name) + SUFFIX)
 
 
 def digest() -> str:
     """Return the digest of all sources: of interpreted modules too, whose constants compiled ones have."""
     found = hashlib.sha256(Path(__file__).read_bytes())
-    for part in PARTS:
-        for path in sorted(folder_of(part).rglob("*.p*")):
+    for folder in (*map(folder_of, PARTS), TYPES):
+        for path in sorted(folder.rglob("*.p*")):
             found.update(path.read_bytes() if path.suffix in (".py", ".pyx", ".pxd") else b"")
     return found.hexdigest()
 
@@ -202,7 +209,7 @@ def copy_sources(folder: Path) -> list[tuple[str, Path]]:
     """Write what is compiled of each source into a folder. Return the modules: name, and path in the folder."""
     found = []
     for name, source in sources():
-        path = source.relative_to(ROOT)
+        path = place_of(name).relative_to(ROOT).with_name(_last(name) + source.suffix)
         text = source.read_text("utf-8")
         if path.suffix == ".py":
             module = importlib.import_module(name)
@@ -231,7 +238,7 @@ def compile_all(folder: Path, checkout: Path = ROOT) -> None:
     ]
     with contextlib.chdir(folder / "source"):  # tracebacks name the sources as they lie in a checkout
         generated = cythonize(  # type: ignore[no-untyped-call]
-            modules, include_path=sorted({str(base_of(part)) for part in PARTS}), build_dir=str(folder / "c"), force=True,
+            modules, include_path=[str(TYPES)], build_dir=str(folder / "c"), force=True,
             quiet=True, compiler_directives=DIRECTIVES,
         )  # fmt: skip
     command = Distribution({"ext_modules": generated}).get_command_obj("build_ext")
@@ -239,7 +246,7 @@ def compile_all(folder: Path, checkout: Path = ROOT) -> None:
     command.parallel = True
     command.ensure_finalized()
     command.run()
-    places = {name: checkout / source.relative_to(ROOT).with_name(_last(name) + SUFFIX) for name, source in sources()}
+    places = {name: checkout / place_of(name).relative_to(ROOT) for name, _ in copies}
     made = {name: folder / "lib" / Path(*name.split(".")).with_name(place.name) for name, place in places.items()}
     if sys.platform == "linux" and _has_links(next(iter(places.values())).parent):
         with contextlib.chdir(folder / "source"):

@@ -143,7 +143,7 @@ def lint(*args: str) -> int:
 
 
 def compile_(*args: str) -> int:
-    """Compile every module that has a `.pxd` beside it, and every `.pyx`, for this Python; or remove what was compiled."""
+    """Compile every module that has a `.pxd` in `compiled`, and every `.pyx` there, for this Python; or remove what was."""
     if args not in ((), ("--remove",)):
         raise SystemExit(f"dev.py: compile takes --remove or nothing, got {' '.join(args)!r}")
     if args:  # before `setup`, which removes what is stale without counting it

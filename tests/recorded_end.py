@@ -6,13 +6,13 @@ from pathlib import Path
 from typing import ClassVar
 
 from cogrip.client.recorder import RecordedClient
-from cogrip.protocol import messages
 from cogrip.protocol.line.sender import LineSender
-from cogrip.protocol.messages import Heartbeat, Power, Stamp, State, Waves
 from cogrip.protocol.recording.header import Header, versions_here
 from cogrip.protocol.recording.reader import open_recording
 from cogrip.protocol.recording.records import Gap, kind_of
 from cogrip.protocol.recording.sink import Held, encode
+from cogrip.protocol.wire import messages
+from cogrip.protocol.wire.messages import Heartbeat, Power, Stamp, State, Waves
 from cogrip.results.replay.verify import Verdict, verify
 from cogrip.server.recorder import RecordedServer
 

@@ -32,7 +32,7 @@ LAWS = (
 )  # fmt: skip
 
 
-def test_every_type_file_stands_beside_its_module() -> None:
+def test_every_type_file_has_its_module() -> None:
     found = compiling.sources()
     assert all(source.exists() for _, source in found)
     assert compiled_files.PARTS == compiling.PARTS
@@ -44,11 +44,19 @@ def test_every_type_file_stands_beside_its_module() -> None:
 
 
 def test_the_form_is_that_of_every_module(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
-    folder = tmp_path / "protocol"
+    folder, types = tmp_path / "protocol", tmp_path / "compiled" / "cogrip" / "protocol"
     folder.mkdir()
+    types.mkdir(parents=True)
     monkeypatch.setattr(compiled_files, "folders_of_parts", lambda: {"cogrip.protocol": folder})
-    for name in ("clock.py", "clock.pxd", "waves.py", "sender.py", "sender.pxd"):
-        (folder / name).touch()
+    monkeypatch.setattr(compiled_files, "types_folder", lambda: tmp_path / "compiled")
+    for place in (
+        folder / "clock.py",
+        folder / "waves.py",
+        folder / "sender.py",
+        types / "clock.pxd",
+        types / "sender.pxd",
+    ):
+        place.touch()
     assert compiled_modules() == {"cogrip.protocol.clock": False, "cogrip.protocol.sender": False}
     assert form() == "interpreted"
     (folder / f"sender{compiling.SUFFIX}").touch()
@@ -250,8 +258,8 @@ def installed(tmp_path: Path) -> Path:
 
 def test_a_wheel_has_all_that_is_compiled_and_the_command(installed: Path) -> None:
     """It removes what was compiled from pip's list too, and leaves all else there."""
-    for name, source in compiling.sources():
-        assert (installed / Path(*name.split(".")).with_suffix(source.suffix)).exists(), name
+    for types in compiling.TYPES.rglob("*.p*"):
+        assert (installed / "cogrip/machine/compiled" / types.relative_to(compiling.TYPES)).exists()
     (record,) = installed.glob("cogrip-*.dist-info/RECORD")
     before = record.read_text()
     (made := installed / "cogrip" / "protocol" / f"clock{compiling.SUFFIX}").touch()
@@ -292,6 +300,7 @@ def test_recorded_sessions_and_laws_hold_in_the_compiled_form(tmp_path: Path) ->
             own = tmp_path / part / "cogrip"
             shutil.copytree(ROOT / part / "cogrip", own, ignore=shutil.ignore_patterns("__pycache__"))
             paths.append(str(tmp_path / part))
+        shutil.copytree(compiling.TYPES, tmp_path / "compiled")
         (tmp_path / "build").mkdir()
         compiling.compile_all(tmp_path / "build", tmp_path)
     environment = {**os.environ, "PYTHONPATH": os.pathsep.join(paths)}

@@ -17,7 +17,7 @@ ASKS = {  # modules that may ask which system this is
     "machine/cogrip/machine/posix.py", "machine/cogrip/machine/windows.py", "machine/cogrip/machine/platform.py",
     "machine/cogrip/machine/realtime.py", "machine/cogrip/machine/punctuality.py",  # Linux's measures
     "devices/cogrip/devices/io/platform.py", "devices/cogrip/devices/io/port_names.py",
-    "server/cogrip/server/io/platform.py", "view/cogrip/view/io/platform.py",
+    "machine/cogrip/machine/server_platform.py", "view/cogrip/view/io/platform.py",
     "cli/cogrip/cli/terminal/platform.py", "cli/cogrip/cli/terminal/screen.py", "cli/cogrip/cli/terminal/live_screen.py",
     "server/cogrip/server/io/state_folder.py",  # in a message
 }  # fmt: skip

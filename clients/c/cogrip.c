@@ -73,7 +73,7 @@ enum {
 #define BOUND_FRACTION (8.0 * ROUNDOFF)
 #define START_S (1.0 / 32.0)
 
-/* Numbers of this client, the same as the reference's (docs/device_port.md, client/cogrip/client/safety.py). */
+/* Numbers of this client, the same as the reference's (docs/device_port.md, client/cogrip/client/safety/limiter.py). */
 #define RAMP_IN_S 0.3
 #define RAMP_OUT_S 0.1
 #define FAULT_OUT_S 0.015

@@ -9,8 +9,8 @@ after the newest datagram that arrived is left out.
 
 import sys
 
-from cogrip.protocol.messages import MalformedError, Power, State, Waves, decode
 from cogrip.protocol.recording.reader import RecordingError
+from cogrip.protocol.wire.messages import MalformedError, Power, State, Waves, decode
 from cogrip.results.records import open_run
 
 USAGE = "usage: record_a_trace.py RUN PERSON up|down"

@@ -23,7 +23,7 @@ from cogrip.experiments.methods.case import run_session
 from cogrip.experiments.methods.looks import style_of
 from cogrip.experiments.methods.measures import read, state_of
 from cogrip.experiments.methods.method import METHODS, ideal_settings, methods_of, session_settings
-from cogrip.protocol.settings import resolve
+from cogrip.protocol.settings.room import resolve
 from cogrip.results.plots.style import INK, LINES, Sheet, title
 
 FOLDER = Path(__file__).parent.parent / "pictures"

@@ -14,7 +14,7 @@ from matplotlib.patches import Circle, Rectangle
 
 from cogrip.cli.settings.settings_file import load
 from cogrip.cli.settings.shipped_settings import shipped
-from cogrip.protocol.effects import Effect
+from cogrip.protocol.settings.effects import Effect
 from cogrip.results.plots.style import INK, Sheet, colour, png, title
 from cogrip.sim.laboratory import Laboratory
 

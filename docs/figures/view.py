@@ -16,7 +16,8 @@ from typing import Any
 
 from PIL import Image
 
-from cogrip.protocol.settings import Settings, resolve
+from cogrip.protocol.settings.room import resolve
+from cogrip.protocol.settings.sections import Settings
 from cogrip.results.laboratory_run import run_laboratory
 from cogrip.view.page import self_contained
 from cogrip.view.recording import open_view

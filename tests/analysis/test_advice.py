@@ -11,11 +11,12 @@ from cogrip.analysis.advice_change import Change, change_to, ranked_changes
 from cogrip.analysis.finding import growth, warning_rows
 from cogrip.analysis.linear_session import ModelError, scheme_overrides
 from cogrip.analysis.stability import Limit
-from cogrip.client.rendered_damper import rounded_down
+from cogrip.client.seat.rendered_damper import rounded_down
 from cogrip.devices.for_user import make_for
 from cogrip.protocol.line.concealment import held_force
-from cogrip.protocol.settings import Settings, resolve, seat_settings
-from cogrip.protocol.settings_table import SettingsError
+from cogrip.protocol.settings.room import resolve, seat_settings
+from cogrip.protocol.settings.sections import Settings
+from cogrip.protocol.settings.table import SettingsError
 
 from tests.extent import long
 from tests.sim.session_measures import FRAME_MS

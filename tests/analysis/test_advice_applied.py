@@ -18,11 +18,12 @@ from cogrip.analysis.felt_probe import measure_felt
 from cogrip.analysis.finding import LEVELS, Finding
 from cogrip.analysis.laboratory_check import MORE_CONTROLLED, check, checked_change
 from cogrip.analysis.linear_session import ModelError
-from cogrip.client.rendered_damper import rounded_down
-from cogrip.client.velocity import largest_impedance
+from cogrip.client.hand.velocity import largest_impedance
+from cogrip.client.seat.rendered_damper import rounded_down
 from cogrip.devices.for_user import make_for
-from cogrip.protocol.settings import Settings, rates_of, resolve
-from cogrip.protocol.settings_table import SettingsError
+from cogrip.protocol.settings.room import rates_of, resolve
+from cogrip.protocol.settings.sections import Settings
+from cogrip.protocol.settings.table import SettingsError
 from cogrip.results.judgement import Tone
 from cogrip.results.summary import of_laboratory
 from cogrip.results.verdict import passive, stable

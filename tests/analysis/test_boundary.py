@@ -12,7 +12,8 @@ from cogrip.analysis.lifted_model import LiftedModel
 from cogrip.analysis.linear_session import ModelError, linear_session, scheme_overrides
 from cogrip.analysis.region import Region, dense_grid, grid_axes, regions, stiffnesses
 from cogrip.analysis.stability import largest_stable, radius
-from cogrip.protocol.settings import Settings, resolve
+from cogrip.protocol.settings.room import resolve
+from cogrip.protocol.settings.sections import Settings
 
 from tests.extent import long
 

@@ -14,8 +14,8 @@ from cogrip.analysis.decimation_passivity import (
     swept_sine,
     worst_input,
 )
-from cogrip.protocol.decimation import KINDS, make_decimator
-from cogrip.protocol.rates import Rates
+from cogrip.protocol.laws.decimation import KINDS, make_decimator
+from cogrip.protocol.settings.rates import Rates
 
 RATES = Rates(1024, 128)
 

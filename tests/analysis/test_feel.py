@@ -23,10 +23,10 @@ from cogrip.analysis.feel import (
     slow_feel,
 )
 from cogrip.analysis.linear_session import LinearSession, linear_session, scheme_overrides
-from cogrip.protocol.decimation import lag_s
-from cogrip.protocol.felt_stiffness import felt_stiffness, line_compliance
-from cogrip.protocol.line.delays import OneWayDelay
-from cogrip.protocol.settings import resolve
+from cogrip.protocol.laws.decimation import lag_s
+from cogrip.protocol.laws.felt_stiffness import felt_stiffness, line_compliance
+from cogrip.protocol.settings.delays import OneWayDelay
+from cogrip.protocol.settings.room import resolve
 
 
 def session(scheme: Any = "passive", frames: float = 1, estimated: bool = False, **keys: Any) -> LinearSession:

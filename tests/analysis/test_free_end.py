@@ -11,10 +11,10 @@ from cogrip.analysis.free_end import free_end
 from cogrip.analysis.lifted_model import LiftedModel
 from cogrip.analysis.linear_session import LinearSession, seat_session
 from cogrip.analysis.stability import verdict
-from cogrip.client.velocity import largest_impedance
+from cogrip.client.hand.velocity import largest_impedance
 from cogrip.devices.device import Capability
 from cogrip.devices.registry import make
-from cogrip.protocol.settings import resolve, seat_settings
+from cogrip.protocol.settings.room import resolve, seat_settings
 
 from tests.sim.session_measures import summary_of
 

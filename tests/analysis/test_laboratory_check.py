@@ -16,7 +16,8 @@ from cogrip.analysis.advice_change import Change, Score
 from cogrip.analysis.laboratory_check import Check, checked_change, checked_stiffest, words
 from cogrip.analysis.stiffest import SHARES, stiffest
 from cogrip.devices.for_user import make_for
-from cogrip.protocol.settings import Settings, resolve
+from cogrip.protocol.settings.room import resolve
+from cogrip.protocol.settings.sections import Settings
 
 from tests.extent import long
 

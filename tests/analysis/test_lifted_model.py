@@ -18,15 +18,16 @@ from numpy.typing import NDArray
 from cogrip.analysis.lifted_model import LiftedModel
 from cogrip.analysis.linear_session import ModelError, Person, linear_session, rounding_notes, scheme_overrides
 from cogrip.analysis.stability import verdict
-from cogrip.client.velocity import MotionObserver
-from cogrip.client.virtual_coupling import VirtualCoupling
-from cogrip.client.wave_coupling import WaveCoupling
+from cogrip.client.coupling.virtual_coupling import VirtualCoupling
+from cogrip.client.coupling.wave_coupling import WaveCoupling
+from cogrip.client.hand.velocity import MotionObserver
 from cogrip.devices.simulated.ideal import IdealPlant, IdealSettings
-from cogrip.protocol.line.delays import OneWayDelay
-from cogrip.protocol.messages import Stamp, State
-from cogrip.protocol.rates import Rates
-from cogrip.protocol.setting_types import POSE_AXES
-from cogrip.protocol.settings import Settings, resolve, seat_settings
+from cogrip.protocol.axes import POSE_AXES
+from cogrip.protocol.settings.delays import OneWayDelay
+from cogrip.protocol.settings.rates import Rates
+from cogrip.protocol.settings.room import resolve, seat_settings
+from cogrip.protocol.settings.sections import Settings
+from cogrip.protocol.wire.messages import Stamp, State
 from cogrip.server.schemes import make_world
 from cogrip.server.worlds.grip import GripWorld
 from cogrip.server.worlds.lagged import PaperWorld
@@ -164,7 +165,7 @@ class CoresFrame:
             booked = person.latency_ticks if person.encoder == "displacement" else 0
             client.set_latency(booked)
             for wave in own[device.states : device.states + booked][::-1].tolist():
-                client.late.push(((wave,), 1.0, 1.0, None, client._b))
+                client.late.push(((wave,), 1.0, 1.0, None, client.b))
             lag = person.filter_lag_s * person.rates.device_hz
             if lag:  # its state stands behind the waves on the way down, and before those on the way up
                 client.down.filter._content, client.up.filter._content = [lag * float(down[-1])], [lag * float(up[0])]
@@ -176,7 +177,7 @@ class CoresFrame:
             if split:
                 client.up.decimator._sum = axes([float(own[-1]) * self.ticks])
             sent = self.run_ticks(client, person, device)
-            waves = [client.late.push(((0.0,), 1.0, 1.0, None, client._b))[0][0] for _ in range(booked)]  # oldest first
+            waves = [client.late.push(((0.0,), 1.0, 1.0, None, client.b))[0][0] for _ in range(booked)]  # oldest first
             after = [*device.state(), *reversed(waves)]
             if person.decimator == "lowpass":
                 after += client.up.decimator._state

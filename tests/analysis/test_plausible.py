@@ -8,7 +8,7 @@ import pytest
 
 from cogrip.analysis.finding import Finding
 from cogrip.analysis.plausible import implausible
-from cogrip.protocol.settings import resolve
+from cogrip.protocol.settings.room import resolve
 
 
 def found(hand: str = "hold", device: str = "sim:phantom", **tables: Any) -> list[Finding]:

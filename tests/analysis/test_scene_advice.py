@@ -15,7 +15,8 @@ from cogrip.analysis.scene_advice import scene_findings
 from cogrip.cli.settings.before_run import advice_on
 from cogrip.cli.settings.settings_file import load
 from cogrip.protocol.line.concealment import held_force
-from cogrip.protocol.settings import Settings, resolve, seat_settings
+from cogrip.protocol.settings.room import resolve, seat_settings
+from cogrip.protocol.settings.sections import Settings
 from cogrip.results.report.tables import room_table
 from cogrip.results.summary import of_laboratory
 from cogrip.results.verdict import judgements

@@ -13,8 +13,8 @@ from cogrip.analysis.lifted_model import LiftedModel
 from cogrip.analysis.linear_session import LinearSession, linear_session, scheme_overrides
 from cogrip.analysis.rigid_motion import Rigid
 from cogrip.analysis.stability import SEARCHED_TO_NPM, largest_stable, modes, optimistic_limit, radius, verdict
-from cogrip.protocol.line.delays import OneWayDelay
-from cogrip.protocol.settings import resolve
+from cogrip.protocol.settings.delays import OneWayDelay
+from cogrip.protocol.settings.room import resolve
 
 
 def session(

@@ -14,8 +14,8 @@ import msgspec
 from cogrip.cli.terminal.output import Json, make_console, write_json
 from cogrip.cli.terminal.problem import within
 from cogrip.cli.terminal.tables import plain_table
-from cogrip.protocol.settings import resolve
-from cogrip.server.io.cluster.directory import LOST_S, Directory, Host, Report
+from cogrip.protocol.settings.room import resolve
+from cogrip.server.hosting.cluster.directory import LOST_S, Directory, Host, Report
 
 from tests.bench.loads.process_memory import family_of
 from tests.bench.loads.server import NETWORK_HZ, SETTLE_S, Job, Process, make_load

@@ -13,10 +13,10 @@ from cogrip.cli.settings.shipped_settings import shipped
 from cogrip.cli.terminal.output import make_console
 from cogrip.cli.terminal.problem import BadInput, Problem
 from cogrip.cli.terminal.tables import plain_table
-from cogrip.protocol.accounts import ClientAccount
-from cogrip.protocol.messages import Waves, decode
 from cogrip.protocol.recording.reader import open_recording
 from cogrip.protocol.recording.records import Datagram, kind_of
+from cogrip.protocol.wire.accounts import ClientAccount
+from cogrip.protocol.wire.messages import Waves, decode
 from cogrip.results.folder import SERVER_RECORDING, SETTINGS, client_recording, read_accounts, write_settings
 
 from tests.bench import machine

@@ -11,8 +11,8 @@ from cogrip.cli.terminal.output import make_console
 from cogrip.cli.terminal.problem import BadInput, Problem
 from cogrip.experiments.worker_pool import LocalWorkers, processors
 from cogrip.machine.stop import Stop, on_signals
-from cogrip.protocol.settings import resolve
-from cogrip.protocol.settings_table import SettingsError
+from cogrip.protocol.settings.room import resolve
+from cogrip.protocol.settings.table import SettingsError
 
 from tests.bench.concealment_trial import CLEAN, ROWS, Job, Setup, Trial, drifts_mm, measure_row, table
 from tests.bench.targets import refuse_own

@@ -14,12 +14,12 @@ from dataclasses import dataclass
 from math import dist, hypot, sqrt
 from typing import Any
 
+from cogrip.client.coupling.wave_coupling import WaveCoupling
 from cogrip.client.inputs import CloseLedger
-from cogrip.client.wave_coupling import WaveCoupling
 from cogrip.protocol.line.concealment import CONCEALMENTS
-from cogrip.protocol.line.jitter_buffer import Frames
-from cogrip.protocol.settings import resolve
-from cogrip.server.wave_port import WavePort
+from cogrip.protocol.settings.delays import Frames
+from cogrip.protocol.settings.room import resolve
+from cogrip.server.ports.wave_port import WavePort
 from cogrip.sim.laboratory import Laboratory
 
 CLEAN = "clean link"

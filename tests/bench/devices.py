@@ -17,7 +17,7 @@ from cogrip.cli.settings.shipped_settings import shipped
 from cogrip.cli.terminal.output import Json, make_console, write_json
 from cogrip.cli.terminal.problem import Problem, within
 from cogrip.cli.terminal.tables import plain_table
-from cogrip.protocol.settings import Settings
+from cogrip.protocol.settings.sections import Settings
 from cogrip.results.folder import SUMMARY, write_settings
 
 from tests.bench import machine

@@ -8,12 +8,12 @@ from rich.console import Group
 from cogrip.cli.terminal.output import Json, make_console, write_json
 from cogrip.cli.terminal.problem import BadInput
 from cogrip.cli.terminal.tables import plain_table
-from cogrip.protocol.line.delays import line_delay
 from cogrip.protocol.line.receiver import LATE
-from cogrip.protocol.link_profile import Link
-from cogrip.protocol.network_profiles import PROFILES
-from cogrip.protocol.rates import Hz, Rates
-from cogrip.protocol.settings import Playout
+from cogrip.protocol.settings.delays import line_delay
+from cogrip.protocol.settings.link_profile import Link
+from cogrip.protocol.settings.network_profiles import PROFILES
+from cogrip.protocol.settings.rates import Hz, Rates
+from cogrip.protocol.settings.sections import Playout
 from cogrip.results.folder import finite
 
 from tests.bench.playout_trial import (

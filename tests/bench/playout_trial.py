@@ -10,12 +10,12 @@ from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from math import inf, sin
 
-from cogrip.protocol.accounts import PlayoutAccount
-from cogrip.protocol.line.jitter_buffer import Frames
 from cogrip.protocol.line.receiver import LATE, LineReceiver
 from cogrip.protocol.line.sender import LineSender
-from cogrip.protocol.link_profile import LinkProfile
-from cogrip.protocol.rates import due_ns
+from cogrip.protocol.settings.delays import Frames
+from cogrip.protocol.settings.link_profile import LinkProfile
+from cogrip.protocol.settings.rates import due_ns
+from cogrip.protocol.wire.accounts import PlayoutAccount
 from cogrip.sim.link import LinkEmulator
 
 REDUNDANCY = 8

@@ -20,7 +20,7 @@ from cogrip.cli.terminal.output import make_console
 from cogrip.cli.terminal.problem import BadInput, Problem
 from cogrip.machine.tick_count import TickCount
 from cogrip.protocol.recording.reader import open_recording
-from cogrip.protocol.settings import Settings
+from cogrip.protocol.settings.sections import Settings
 from cogrip.results.folder import SERVER_RECORDING, SETTINGS, client_recording, read_accounts, write_settings
 from cogrip.results.laboratory_run import run_laboratory
 from cogrip.results.records import End

@@ -21,8 +21,8 @@ from cogrip.cli.terminal.output import Json, make_console, write_json
 from cogrip.cli.terminal.problem import Problem, within
 from cogrip.cli.terminal.tables import plain_table
 from cogrip.machine.pacing import Pacer
-from cogrip.protocol.network_profiles import PROFILES, ProfileName
-from cogrip.protocol.settings import resolve
+from cogrip.protocol.settings.network_profiles import PROFILES, ProfileName
+from cogrip.protocol.settings.room import resolve
 from cogrip.sim.link import fates
 
 from tests.bench import machine

@@ -23,8 +23,8 @@ from cogrip.cli.settings.shipped_settings import shipped
 from cogrip.cli.terminal.output import Json, make_console, write_json
 from cogrip.cli.terminal.problem import BadInput, Problem
 from cogrip.machine.stop import Stop, on_signals
-from cogrip.protocol.link_profile import Link
-from cogrip.protocol.settings import Settings
+from cogrip.protocol.settings.link_profile import Link
+from cogrip.protocol.settings.sections import Settings
 from cogrip.results.folder import SETTINGS, SUMMARY, client_log, write_settings
 
 from tests.bench import machine

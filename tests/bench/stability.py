@@ -11,7 +11,7 @@ from cogrip.analysis.linear_session import linear_session, scheme_overrides
 from cogrip.analysis.region import grid_axes, regions, stiffnesses
 from cogrip.cli.terminal.output import make_console
 from cogrip.cli.terminal.tables import plain_table
-from cogrip.protocol.settings import resolve
+from cogrip.protocol.settings.room import resolve
 
 from tests.bench import machine
 from tests.bench.targets import judge

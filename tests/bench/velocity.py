@@ -11,7 +11,7 @@ from rich.table import Table
 
 from cogrip.cli.terminal.output import Json, make_console, write_json
 from cogrip.cli.terminal.problem import BadInput
-from cogrip.client.velocity import MotionObserver, impedance_bounds, largest_impedance, memory_for
+from cogrip.client.hand.velocity import MotionObserver, impedance_bounds, largest_impedance, memory_for
 from cogrip.devices.device import Capability
 
 from tests.bench.velocity_trial.comparison import Found, chosen, compare, devices

@@ -30,9 +30,10 @@ from cogrip.cli.terminal.output import make_console
 from cogrip.cli.terminal.problem import Problem, at_least_one
 from cogrip.cli.terminal.tables import plain_table
 from cogrip.devices.web.messages import Pointer, encode_pointer
-from cogrip.protocol.channel import UnencryptedChannel
 from cogrip.protocol.recording.reader import open_recording
-from cogrip.protocol.settings import Settings, resolve, seat_settings
+from cogrip.protocol.secure.channel import UnencryptedChannel
+from cogrip.protocol.settings.room import resolve, seat_settings
+from cogrip.protocol.settings.sections import Settings
 from cogrip.results.folder import SERVER_RECORDING, SETTINGS, client_recording, write_settings
 from cogrip.results.records import End
 

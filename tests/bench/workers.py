@@ -22,10 +22,10 @@ from rich.table import Table
 from cogrip.cli.terminal.output import Json, make_console, write_json
 from cogrip.cli.terminal.problem import Problem, within
 from cogrip.cli.terminal.tables import plain_table
-from cogrip.protocol.channel import UnencryptedChannel
 from cogrip.protocol.io.dtls_client import DtlsClient
-from cogrip.protocol.messages import MAX_DATAGRAM_BYTES
-from cogrip.protocol.settings import seat_settings
+from cogrip.protocol.secure.channel import UnencryptedChannel
+from cogrip.protocol.settings.room import seat_settings
+from cogrip.protocol.wire.messages import MAX_DATAGRAM_BYTES
 from cogrip.server.io.state_folder import find_folder, read_server
 from cogrip.server.io.token_file import TokenFile, draw_token
 

@@ -10,8 +10,8 @@ from pathlib import Path
 import pytest
 
 from cogrip.cli.terminal.problem import BadInput
-from cogrip.protocol.channel import UnencryptedChannel
-from cogrip.protocol.settings import seat_settings
+from cogrip.protocol.secure.channel import UnencryptedChannel
+from cogrip.protocol.settings.room import seat_settings
 
 from tests.bench.loads.compiled import compiler_of
 from tests.bench.loads.people import Swing, make_people

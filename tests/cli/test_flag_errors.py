@@ -7,7 +7,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from cogrip.cli.settings.before_run import together
-from cogrip.protocol.setting_errors import expects, plain, unit_of
+from cogrip.protocol.settings.errors import expects, plain, unit_of
 
 from tests.cli.command import Cogrip
 

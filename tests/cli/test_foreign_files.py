@@ -8,7 +8,7 @@ from cogrip.cli.main import main
 from cogrip.experiments.study.study_file import StudyError
 from cogrip.protocol.foreign_file import ForeignFileError
 from cogrip.protocol.recording.reader import RecordingError
-from cogrip.protocol.settings_table import SettingsError
+from cogrip.protocol.settings.table import SettingsError
 from cogrip.server.checkpoint import CheckpointError
 from cogrip.server.worlds.registry import WorldKindError
 from cogrip.server.worlds.scene_text import SceneError

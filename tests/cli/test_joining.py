@@ -22,12 +22,12 @@ from cogrip.client.io.paths import Paths
 from cogrip.client.loop import LiveClient
 from cogrip.client.observer import ObserverCore
 from cogrip.devices.registry import make
-from cogrip.protocol import messages
-from cogrip.protocol.channel import UnencryptedChannel
 from cogrip.protocol.io.dtls_client import DtlsClient
-from cogrip.protocol.messages import Hello, Stamp, View, Welcome
-from cogrip.protocol.session import ClientSession
-from cogrip.protocol.settings import resolve, seat_settings
+from cogrip.protocol.secure.channel import UnencryptedChannel
+from cogrip.protocol.settings.room import resolve, seat_settings
+from cogrip.protocol.wire import messages
+from cogrip.protocol.wire.messages import Hello, Stamp, View, Welcome
+from cogrip.protocol.wire.session import ClientSession
 
 from tests.cli.command import Cogrip, printed
 

@@ -11,7 +11,7 @@ from pathlib import Path
 
 import pytest
 
-from cogrip.protocol.channel import place_text
+from cogrip.protocol.secure.channel import place_text
 
 from tests.cli.command import Cogrip
 from tests.extent import long

@@ -9,7 +9,7 @@ import pytest
 from cogrip.cli.session import join
 from cogrip.cli.terminal.problem import BadInput
 from cogrip.devices import Device
-from cogrip.protocol.messages import Hello
+from cogrip.protocol.wire.messages import Hello
 
 from tests.cli.command import Cogrip
 from tests.cli.spoiled_runs import ANNA, SERVER

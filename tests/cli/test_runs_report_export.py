@@ -14,7 +14,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from cogrip.protocol.io.recorder import is_being_written
-from cogrip.protocol.settings import resolve
+from cogrip.protocol.settings.room import resolve
 from cogrip.results.laboratory_run import run_laboratory
 from cogrip.results.listing import ListedRun, list_runs
 from cogrip.results.records import open_run

@@ -5,11 +5,14 @@ from pathlib import Path
 import pytest
 
 from cogrip.cli.session.joined_device import judge_seat
+from cogrip.cli.session.served_rooms import warn_of
 from cogrip.cli.settings.settings_file import load
 from cogrip.cli.settings.shipped_settings import shipped_scene
 from cogrip.cli.terminal.problem import BadInput
 from cogrip.devices.registry import make
-from cogrip.protocol.settings import seat_settings
+from cogrip.protocol.settings.room import seat_settings
+
+from tests.cli.command import Cogrip
 
 SETTINGS = '[object]\nkind = "scene"\naxes = 3\nfile = "{file}"\n'
 SCENE = "<mujoco><worldbody><geom type='plane' size='1 1 1'/></worldbody></mujoco>"
@@ -48,6 +51,29 @@ def test_a_scene_is_beside_its_settings_on_the_command_line_in_this_folder_or_co
 def test_a_scene_that_cannot_be_used_is_said_before_anything_starts(room: Path, override: str, words: str) -> None:
     with pytest.raises(BadInput, match=words):
         load(room, [override])
+
+
+LIT = f"<mujoco><option timestep='0.01'/><worldbody><light pos='0 0 1'/>{SCENE.partition('<worldbody>')[2]}"
+
+
+def test_who_runs_or_serves_a_scene_is_told_once_what_is_not_drawn_and_what_was_changed(
+    room: Path, cogrip: Cogrip, tmp_path: Path
+) -> None:
+    told = [
+        "not drawn of the scene: lights (a view has its own)",
+        "the scene sets timestep (0.01 > 0.00195312), which does not",
+    ]
+    room.with_name("mine.xml").write_text(LIT)
+    _, _, errors = cogrip("lab room/room.toml --set seconds=0.1 --json -")
+    said: list[str] = []
+    settings = load(room)
+    kept = warn_of([settings], ("127.0.0.1", 1), False, lambda text: said.append(str(text)))
+    for words in told:
+        assert " ".join(errors.split()).count(f"note: {words}") == 1
+        assert sum(f"note: room {settings.name}: {words}" in text for text in said) == 1
+    assert kept == {settings.name: []}, "a note is no warning"
+    room.with_name("mine.xml").write_text(SCENE)
+    assert "note" not in cogrip("lab room/room.toml --set seconds=0.1 --json -")[2]
 
 
 def test_a_device_in_a_scene_is_refused_what_it_does_not_carry_and_warned_of_nothing_else() -> None:

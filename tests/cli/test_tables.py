@@ -27,9 +27,9 @@ from cogrip.devices.arm.check import Row
 from cogrip.devices.registry import describe, families
 from cogrip.experiments.methods.table import TABLE
 from cogrip.machine.stop import Stop
-from cogrip.protocol.channel import place_text
-from cogrip.protocol.link_profile import Link
 from cogrip.protocol.recording.records import SeatStep, Step, Tick
+from cogrip.protocol.secure.channel import place_text
+from cogrip.protocol.settings.link_profile import Link
 from cogrip.results.comparison import differences
 from cogrip.results.listing import ListedRun
 from cogrip.server.roster import RosterEntry

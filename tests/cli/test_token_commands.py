@@ -15,7 +15,7 @@ import pytest
 
 from cogrip.cli.admin.token_new import expiry
 from cogrip.cli.terminal.problem import BadInput
-from cogrip.protocol.join_link import JoinLink, parse_link
+from cogrip.protocol.wire.join_link import JoinLink, parse_link
 from cogrip.server.admission import Grant
 from cogrip.server.io import control as control_module
 from cogrip.server.io.control import Control, Kick, Reload

@@ -11,7 +11,7 @@ from cogrip.cli.settings.settings_file import load
 from cogrip.cli.terminal.problem import BadInput
 from cogrip.cli.worlds import check as check_command
 from cogrip.devices.registry import make
-from cogrip.protocol.settings import seat_settings
+from cogrip.protocol.settings.room import seat_settings
 from cogrip.server.worlds import registry
 
 from tests.cli.command import Cogrip
@@ -211,6 +211,17 @@ def test_check_of_a_scene_that_cannot_be_used_says_why(cogrip: Cogrip, folder: P
     assert cogrip.out("worlds check drawer.xml", code=1).startswith(words)
     answer = cogrip.answer("worlds check drawer.xml", code=1)
     assert (answer["usable"], [row["topic"] for row in answer["rows"]]) == (False, ["loads"])
+
+
+def test_check_names_the_command_that_reads_what_lies_outside_of_a_scenes_folder(cogrip: Cogrip, folder: Path) -> None:
+    (folder / "scene").mkdir()
+    (folder / "part.xml").write_text(DRAWER.format(more=""))
+    (folder / "scene" / "scene.xml").write_text('<mujoco><include file="../part.xml"/></mujoco>')
+    answer = cogrip.answer("worlds check scene/scene.xml", code=1)
+    assert [(row["topic"], row["level"]) for row in answer["rows"]] == [("loads", "refused"), ("to load it", "note")]
+    command = answer["rows"][1]["text"].split("`")[1]
+    assert command == f"cogrip worlds check {folder}/scene/scene.xml --set object.folder={folder}"
+    assert cogrip.answer(command.removeprefix("cogrip "))["usable"] is True
 
 
 CLOTH = """<mujoco><worldbody>

@@ -3,7 +3,7 @@
 from collections.abc import Sequence
 from dataclasses import replace
 
-from cogrip.client.safety import RAMP_IN_S, Safety
+from cogrip.client.safety.limiter import RAMP_IN_S, Safety
 from cogrip.devices.device import Capability
 
 from tests.client.seated_client import capability

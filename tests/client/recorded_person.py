@@ -9,12 +9,12 @@ from cogrip.client.inputs import CloseLedger, Connect, DeviceFailed, KeepSeat, L
 from cogrip.client.recorder import KINDS, RecordedClient, client_topics
 from cogrip.devices.device import Capability, Sample
 from cogrip.machine.tick_count import Percentiles, TickCount
-from cogrip.protocol import messages
 from cogrip.protocol.line.sender import LineSender
-from cogrip.protocol.messages import Farewell, Refuse, Stamp, Welcome
-from cogrip.protocol.rates import due_ns
-from cogrip.protocol.settings import resolve, seat_settings
-from cogrip.protocol.settings_digest import digest
+from cogrip.protocol.settings.digest import digest
+from cogrip.protocol.settings.rates import due_ns
+from cogrip.protocol.settings.room import resolve, seat_settings
+from cogrip.protocol.wire import messages
+from cogrip.protocol.wire.messages import Farewell, Refuse, Stamp, Welcome
 
 from tests.client import seated_client
 from tests.client.seated_client import DEVICE_HZ, M, hello

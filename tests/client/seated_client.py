@@ -7,20 +7,21 @@ from typing import Any
 import numpy as np
 
 from cogrip.client.core import ClientCore
-from cogrip.client.device_port import BarePort, DevicePort
+from cogrip.client.coupling.wave_coupling import WaveCoupling
 from cogrip.client.inputs import CloseLedger, Connect
-from cogrip.client.seated import SeatedClient
-from cogrip.client.wave_coupling import WaveCoupling
+from cogrip.client.safety.device_port import BarePort, DevicePort
+from cogrip.client.seat.seated import SeatedClient
 from cogrip.devices.device import Capability, Sample
 from cogrip.devices.plausibility import Plausibility
 from cogrip.machine.tick_count import TickCount
-from cogrip.protocol import messages
-from cogrip.protocol.accounts import ClientAccount
 from cogrip.protocol.line.sender import LineSender
-from cogrip.protocol.messages import PROTOCOL_VERSION, Hello, Stamp, Waves, Welcome
-from cogrip.protocol.rates import due_ns
-from cogrip.protocol.session import make_hello
-from cogrip.protocol.settings import SeatSettings, resolve, seat_settings
+from cogrip.protocol.settings.rates import due_ns
+from cogrip.protocol.settings.room import resolve, seat_settings
+from cogrip.protocol.settings.seat import SeatSettings
+from cogrip.protocol.wire import messages
+from cogrip.protocol.wire.accounts import ClientAccount
+from cogrip.protocol.wire.messages import PROTOCOL_VERSION, Hello, Stamp, Waves, Welcome
+from cogrip.protocol.wire.session import make_hello
 
 DEVICE_HZ, M = 1024, 8
 T_C, T_N = 1 / DEVICE_HZ, 1 / 128

@@ -10,10 +10,10 @@ from hypothesis import strategies as st
 from cogrip.client.inputs import ClientInput, CloseLedger, DeviceFailed, Leave, Poll
 from cogrip.client.recorder import ACCOUNT, DATAGRAM_OUT, EVENT, TICK, client_topics
 from cogrip.machine.tick_count import TickCount
-from cogrip.protocol import messages
-from cogrip.protocol.messages import Waves
 from cogrip.protocol.recording.records import Datagram, Input, Tick
 from cogrip.protocol.recording.sink import encode
+from cogrip.protocol.wire import messages
+from cogrip.protocol.wire.messages import Waves
 from cogrip.results.replay.comparison import Difference
 
 from tests.client.recorded_person import SCRIPT, M

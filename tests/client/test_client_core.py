@@ -7,13 +7,13 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from cogrip.client.hand_motion import RECKON_S
 from cogrip.client.inputs import DeviceOpened, Rearm
-from cogrip.client.seated import REST_S, FeltStiffness
-from cogrip.protocol import messages
+from cogrip.client.seat.hand_motion import RECKON_S
+from cogrip.client.seat.seated import REST_S, FeltStiffness
 from cogrip.protocol.line.concealment import ELASTIC_LIMIT
-from cogrip.protocol.messages import Farewell, Power, Stamp, State, Waves
-from cogrip.protocol.session import STALE_NS
+from cogrip.protocol.wire import messages
+from cogrip.protocol.wire.messages import Farewell, Power, Stamp, State, Waves
+from cogrip.protocol.wire.session import STALE_NS
 
 from tests.client.seated_client import DEVICE_HZ, ROOT, T_C, T_N, Client, M, at_ns, capability, walk
 

@@ -2,20 +2,19 @@
 
 import pytest
 
-from cogrip.client.coupling import Coupling
-from cogrip.client.local_contact import LocalCoupling, LocalFace, LocalFaces, LocalWall
-from cogrip.client.local_poses import LocalPoses
-from cogrip.client.local_scene import LocalScene
-from cogrip.client.schemes import SCHEMES
-from cogrip.client.seat_hand import SeatHand
-from cogrip.client.seated import SeatedClient
+from cogrip.client.coupling.interface import Coupling
+from cogrip.client.coupling.local_contact import Contact, LocalCoupling
+from cogrip.client.coupling.local_poses import PoseContact
+from cogrip.client.coupling.local_scene import SceneContact
+from cogrip.client.coupling.local_surface import Face, Surface, Wall
+from cogrip.client.coupling.schemes import SCHEMES
 from cogrip.machine.compiled_files import form
-from cogrip.protocol.decimation import Boxcar, Decimator, LastSample, Lowpass
+from cogrip.protocol.laws.decimation import Boxcar, Decimator, LastSample, Lowpass
 
 from tests.interfaces import only_named
 
-LOCAL = (LocalWall, LocalFaces, LocalScene, LocalPoses)  # which of them, `make_local` chooses by the kind of object
-COUPLINGS = (*[scheme.make for scheme in SCHEMES.values() if isinstance(scheme.make, type)], *LOCAL)
+CONTACTS = (Wall, Face, SceneContact, PoseContact)  # which of them, `make_local` chooses by the kind of object
+COUPLINGS = (*[make for make in SCHEMES.values() if isinstance(make, type)], LocalCoupling)
 
 
 @pytest.mark.skipif(form() != "interpreted", reason="a compiled method does not tell what it calls")
@@ -23,10 +22,9 @@ COUPLINGS = (*[scheme.make for scheme in SCHEMES.values() if isinstance(scheme.m
     ("base", "made"),
     [
         *((Coupling, made) for made in COUPLINGS),
-        *((LocalCoupling, made) for made in LOCAL),
-        *((LocalFace, made) for made in (LocalWall, LocalFaces)),
+        *((Contact, made) for made in CONTACTS),
+        *((Surface, made) for made in (Wall, Face)),
         *((Decimator, made) for made in (Boxcar, Lowpass, LastSample)),
-        (SeatHand, SeatedClient),
     ],
 )
 def test_nothing_is_left_to_the_base(base: type, made: type) -> None:

@@ -8,7 +8,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from cogrip.client.device_port import (
+from cogrip.client.hand.velocity import largest_impedance
+from cogrip.client.inputs import DeviceOpened
+from cogrip.client.safety.device_port import (
     BACKOFF_FACTOR,
     FADE_TICKS,
     FREE_RESERVE_MPS,
@@ -20,10 +22,8 @@ from cogrip.client.device_port import (
     TOLERATED_FRACTION,
     DevicePort,
 )
-from cogrip.client.force_limits import SOFT_SLOPE_NPS
-from cogrip.client.inputs import DeviceOpened
-from cogrip.client.oscillation import REVERSALS, TRAIN
-from cogrip.client.velocity import largest_impedance
+from cogrip.client.safety.force_limits import SOFT_SLOPE_NPS
+from cogrip.client.safety.oscillation import REVERSALS, TRAIN
 
 from tests.client.seated_client import DEVICE_HZ, T_C, T_N, Client, M, at_ns, capability
 

@@ -13,8 +13,9 @@ from msgspec.structs import replace
 from cogrip.client.effects.active import Texture, Vibration
 from cogrip.client.effects.force import PASSIVE, EffectForce
 from cogrip.client.effects.tank import EnergyTank
-from cogrip.protocol.effects import MOST_EFFECTS, Effect, unfit_effect
-from cogrip.protocol.messages import Effects
+from cogrip.client.hand.frame import HandFrame
+from cogrip.protocol.settings.effects import MOST_EFFECTS, Effect, unfit_effect
+from cogrip.protocol.wire.messages import Effects
 
 from tests.client.seated_client import capability
 
@@ -59,7 +60,7 @@ def held(effects: EffectForce, ticks: int, place: Callable[[int], float] = lambd
     for tick in range(ticks):
         now = place(tick)
         effects.enter(1, force, force, (before,), (now,))
-        asked = effects.step(tick, (now,), ((now - before) / TICK_S,), 1.0, CARRIED)
+        asked = effects.step(tick, (now,), ((now - before) / TICK_S,), 1.0, CARRIED, HandFrame())
         force = effects._law = tuple(asked or (0.0,))
         forces.append(force[0])
         before = now
@@ -76,7 +77,7 @@ def rendered(
 ) -> float:
     """Keep a hand at a place. Returns the last force along its last axis; 0 without one."""
     rate = (0.0,) * (len(place) - 1) + (speed,)
-    force = [effects.step(tick, place, rate, 1.0, carried) for tick in ticks][-1]
+    force = [effects.step(tick, place, rate, 1.0, carried, HandFrame()) for tick in ticks][-1]
     return force[-1] if force else 0.0
 
 
@@ -185,7 +186,7 @@ def test_numbers_next_to_zero_are_refused_or_give_a_finite_force(make: Callable[
         assert fits is (size >= least)
         assert rig.tell(Effects(1, 1, (1,), 10.0, 1, make(size)), 0) == ("" if fits else "unfit effect")
         for tick in range(32):
-            force = rig.step(tick, (1e-3, 1e-3), (0.1, 0.1), 1.0, CARRIED)
+            force = rig.step(tick, (1e-3, 1e-3), (0.1, 0.1), 1.0, CARRIED, HandFrame())
             assert force is None or all(map(math.isfinite, force))
 
 
@@ -194,7 +195,7 @@ def test_no_more_of_a_force_is_taken_for_effects_than_was_asked(law: float, appl
     """law: of coupling and effects, which may cancel out while slope limits still hold a force."""
     effects = force_of(WALL)
     rendered(effects, range(64), -1e-3)
-    asked = effects.step(64, (0.01,), (0.0,), 1.0, CARRIED)
+    asked = effects.step(64, (0.01,), (0.0,), 1.0, CARRIED, HandFrame())
     assert asked is not None
     effects._law = (law,)
     effects.enter(1, (applied,), (applied,), (0.01,), (0.01,))
@@ -279,7 +280,7 @@ def test_tank_is_never_overdrawn(
         place += step * TICK_S
         rig.enter(1, force, force, (before,), (place,))
         given_j -= active[tick] * (place - before)
-        law = rig.step(tick, (place,), (step,), gain, CARRIED)
+        law = rig.step(tick, (place,), (step,), gain, CARRIED, HandFrame())
         rig._law = tuple(law or (0.0,))
         force = (gain * rig._law[0],)
         active.append(gain * rig.active_n[0] if law else 0.0)
@@ -310,10 +311,10 @@ def test_effects_are_taken_once_and_end_as_told() -> None:
     assert rig.tell(Effects(1, 1, (1, 2), 1.0, 2, Effect("viscous")), 0) == "unfit effect"  # without a damper
     assert rig.known((1, 2)) == (1, 2)  # it is not told again
     assert rig.tell(Effects(1, 0, (), 1.0), 0) == "late effects"
-    assert rig.step(1, (-0.001,), (0.0,), 1.0, CARRIED) is not None
+    assert rig.step(1, (-0.001,), (0.0,), 1.0, CARRIED, HandFrame()) is not None
     assert rig.tell(Effects(1, 2, (), 1.0), 1) == ""
     rendered(rig, range(2, 63), -0.001)
-    assert rig.step(63, (-0.001,), (0.0,), 1.0, CARRIED) is None
+    assert rig.step(63, (-0.001,), (0.0,), 1.0, CARRIED, HandFrame()) is None
     for number in range(3, 100):
         rig.tell(Effects(1, 2 + number, (number,), 1.0, number, WALL), 64)
     assert len(rig._entries) <= 2 * MOST_EFFECTS

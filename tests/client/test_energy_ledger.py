@@ -6,14 +6,14 @@ import numpy as np
 import pytest
 from msgspec.structs import replace
 
-from cogrip.client.coupling import Coupling
-from cogrip.client.energy_ledger import EnergyLedger
-from cogrip.client.virtual_coupling import VirtualCoupling
-from cogrip.client.wave_coupling import WaveCoupling
-from cogrip.protocol.accounts import PlayoutAccount
+from cogrip.client.coupling.interface import Coupling
+from cogrip.client.coupling.virtual_coupling import VirtualCoupling
+from cogrip.client.coupling.wave_coupling import WaveCoupling
+from cogrip.client.safety.energy_ledger import EnergyLedger
 from cogrip.protocol.line.sender import LineSender
-from cogrip.protocol.messages import Waves
-from cogrip.protocol.settings import SeatSettings
+from cogrip.protocol.settings.seat import SeatSettings
+from cogrip.protocol.wire.accounts import PlayoutAccount
+from cogrip.protocol.wire.messages import Waves
 
 from tests.client.seated_client import Client, at_ns, next_waves, seat
 

@@ -4,7 +4,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from cogrip.client.wave_lines import PRESSING, QUIET, ForwardLine
+from cogrip.client.coupling.wave_lines import PRESSING, QUIET, ForwardLine
 
 from tests.client.seated_client import seat
 

@@ -9,15 +9,15 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from cogrip.client.device_port import cure
-from cogrip.client.grip_axes import GripAxes
-from cogrip.client.hand_map import HandMap
-from cogrip.client.pose_axes import in_lengths
+from cogrip.client.hand.further_axes import in_lengths
+from cogrip.client.hand.grip_axes import GripAxes
+from cogrip.client.hand.hand_map import HandMap
+from cogrip.client.safety.device_port import cure
 from cogrip.devices.device import Gripper, Sample
 from cogrip.devices.registry import make
-from cogrip.protocol.settings import resolve, seat_settings
-from cogrip.protocol.tool_frame import ToolFrame, rotation_of
-from cogrip.protocol.waves import device_force, device_gain, device_wave
+from cogrip.protocol.laws.waves import device_force, device_gain, device_wave
+from cogrip.protocol.settings.room import resolve, seat_settings
+from cogrip.protocol.settings.tool_frame import ToolFrame, rotation_of
 
 from tests.client.live_safety import give, live
 

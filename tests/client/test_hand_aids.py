@@ -6,9 +6,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from cogrip.client.hand_aids import HandAids
+from cogrip.client.effects.hand_aids import HandAids
 from cogrip.devices.device import GRAVITY_MPS2
-from cogrip.protocol.hand_settings import NO_LIMIT, HandChange
+from cogrip.protocol.settings.hand import NO_LIMIT, HandChange
 
 from tests.client.seated_client import capability
 

@@ -8,14 +8,15 @@ from hypothesis import given
 from hypothesis import strategies as st
 from numpy import dot
 
-from cogrip.client.hand_map import HandMap
-from cogrip.client.rendered_damper import refusal
-from cogrip.client.velocity import largest_impedance
+from cogrip.client.hand.hand_map import HandMap
+from cogrip.client.hand.velocity import largest_impedance
+from cogrip.client.seat.rendered_damper import refusal
 from cogrip.devices.for_user import make_for
-from cogrip.protocol.rotations import exp
-from cogrip.protocol.settings import SeatSettings, resolve, seat_settings
-from cogrip.protocol.settings_table import SettingsError
-from cogrip.protocol.tool_frame import ToolFrame, rotation_of
+from cogrip.protocol.laws.rotations import exp
+from cogrip.protocol.settings.room import resolve, seat_settings
+from cogrip.protocol.settings.seat import SeatSettings
+from cogrip.protocol.settings.table import SettingsError
+from cogrip.protocol.settings.tool_frame import ToolFrame, rotation_of
 
 scales = st.floats(0.1, 10.0)
 vectors = st.tuples(*[st.floats(-3.0, 3.0)] * 3)

@@ -8,12 +8,13 @@ from typing import Any
 
 import pytest
 
-from cogrip.client.handle import HandleReader, has_handle
-from cogrip.client.pose_axes import PoseAxes, in_lengths
+from cogrip.client.hand.further_axes import in_lengths
+from cogrip.client.hand.handle import HandleReader, has_handle
+from cogrip.client.hand.pose_axes import PoseAxes
 from cogrip.devices import make
 from cogrip.devices.device import Sample
 from cogrip.devices.for_user import FirstAxes
-from cogrip.protocol.handle import Handle
+from cogrip.protocol.wire.handle import Handle
 
 TURNED, LEVEL = (0.5, 0.5, -0.5, 0.5), (1.0, 0.0, 0.0, 0.0)
 RECORD = replace(make("sim:phantom", axes=3).capability, buttons=3, gives_orientation=True, grip_m=(0.0, 0.02))

@@ -9,7 +9,7 @@ from cogrip.client.core import ClientCore
 from cogrip.client.inputs import Connect, Rearm
 from cogrip.devices.device import Sample
 from cogrip.devices.registry import make
-from cogrip.protocol.messages import Power, Stamp, Waves, encode
+from cogrip.protocol.wire.messages import Power, Stamp, Waves, encode
 
 from tests.client.seated_client import at_ns, hello, seat, welcome
 from tests.extent import every

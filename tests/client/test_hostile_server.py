@@ -7,14 +7,14 @@ import pytest
 from msgspec import structs
 
 from cogrip.client.core import ClientCore
-from cogrip.client.force_limits import MOST_SLOPE_NPS
 from cogrip.client.inputs import CloseLedger, Connect, Rearm
+from cogrip.devices.device import MOST_SLOPE_NPS
 from cogrip.devices.registry import make
 from cogrip.machine.tick_count import TickCount
-from cogrip.protocol import messages
 from cogrip.protocol.line.sender import LineSender
-from cogrip.protocol.messages import Leave, Power, Stamp, State
-from cogrip.protocol.rates import LEAST_DEVICE_HZ, Rates, due_ns
+from cogrip.protocol.settings.rates import LEAST_DEVICE_HZ, Rates, due_ns
+from cogrip.protocol.wire import messages
+from cogrip.protocol.wire.messages import Leave, Power, Stamp, State
 
 from tests.client.seated_client import hello, next_waves, seat, welcome
 from tests.extent import every, long

@@ -10,14 +10,14 @@ from cogrip.client import loop
 from cogrip.client.inputs import Connect
 from cogrip.client.io.paths import JoinError
 from cogrip.client.loop import Ended, LiveClient, fade_out
-from cogrip.client.safety import FAULT_OUT_S
+from cogrip.client.safety.limiter import FAULT_OUT_S
 from cogrip.devices.device import DeviceError, Sample
 from cogrip.machine import pacing
 from cogrip.machine.pacing import Pacer
 from cogrip.machine.stop import Stop
-from cogrip.protocol import messages
-from cogrip.protocol.link_profile import LinkProfile
-from cogrip.protocol.messages import Leave
+from cogrip.protocol.settings.link_profile import LinkProfile
+from cogrip.protocol.wire import messages
+from cogrip.protocol.wire.messages import Leave
 from cogrip.sim.link import LinkEmulator
 
 from tests.client.seated_client import DEVICE_HZ, capability, hello, seat, welcome

@@ -7,10 +7,12 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from cogrip.client.local_contact import LENT_J, MOST_SAVED_J, MOST_STEP_N, LocalFaces, LocalWall
-from cogrip.client.velocity import largest_impedance
+from cogrip.client.coupling.contact_spring import LENT_J, MOST_SAVED_J, MOST_STEP_N
+from cogrip.client.coupling.local_contact import LocalCoupling
+from cogrip.client.coupling.schemes import make_local
+from cogrip.client.hand.velocity import largest_impedance
 from cogrip.protocol.line.sender import LineSender
-from cogrip.protocol.settings import SeatSettings
+from cogrip.protocol.settings.seat import SeatSettings
 
 from tests.client.seated_client import T_C, capability, next_waves, seat
 
@@ -27,9 +29,7 @@ def seat_of(kind: str, side: str = "left", **coupling: object) -> SeatSettings:
     )
 
 
-def send(
-    coupling: LocalWall | LocalFaces, line: LineSender, wave: float, object_m: float, speed_mps: float = 0.0
-) -> None:
+def send(coupling: LocalCoupling, line: LineSender, wave: float, object_m: float, speed_mps: float = 0.0) -> None:
     """Let a frame of the server arrive, with this wave and the object here."""
     assert coupling.receive(next_waves(line, wave, state=(object_m, speed_mps)))
 
@@ -37,7 +37,7 @@ def send(
 class Hand:
     """A hand that is moved from place to place, a tick each, and feels the law's force. work_j: its own so far."""
 
-    def __init__(self, coupling: LocalWall | LocalFaces, place_m: float) -> None:
+    def __init__(self, coupling: LocalCoupling, place_m: float) -> None:
         coupling.fit(capability(), 0.0)
         self.coupling, self.place, self.work_j = coupling, place_m, 0.0
         self.force = coupling.force((place_m,), (0.0,))
@@ -60,7 +60,7 @@ def largest_step(forces: list[float]) -> float:
 
 @pytest.mark.parametrize(("side", "sign"), [("left", 1.0), ("right", -1.0)])
 def test_wall_pushes_back_by_its_spring_and_damper_and_only_inside(side: str, sign: float) -> None:
-    hand = Hand(LocalWall(seat_of("wall", side)), -0.01 * sign)
+    hand = Hand(make_local(seat_of("wall", side)), -0.01 * sign)
     assert hand.move(-0.001 * sign) == 0.0
     assert hand.move(0.0005 * sign) == pytest.approx(sign * (K * 0.0005 + B * 0.0015 / T_C))
     assert hand.move(0.0005 * sign) == pytest.approx(sign * K * 0.0005)
@@ -69,7 +69,7 @@ def test_wall_pushes_back_by_its_spring_and_damper_and_only_inside(side: str, si
 
 
 def test_hand_that_begins_inside_feels_nothing_until_it_has_left() -> None:
-    hand = Hand(LocalWall(seat_of("wall")), 0.01)
+    hand = Hand(make_local(seat_of("wall")), 0.01)
     assert hand.force[0] == 0.0
     assert [hand.move(0.01) for _ in range(50)] == [0.0] * 50
     assert hand.move(0.004, 2) == 0.0
@@ -78,11 +78,11 @@ def test_hand_that_begins_inside_feels_nothing_until_it_has_left() -> None:
 
 
 def test_wall_that_jumps_into_a_resting_hand_spends_what_the_contact_has_dissipated_and_no_more() -> None:
-    coupling, line = LocalWall(seat_of("wall")), LineSender(1, 8)
+    coupling, line = make_local(seat_of("wall")), LineSender(1, 8)
     hand = Hand(coupling, -0.001)
     for tick in range(100):
         hand.move(-0.001 + 0.00006 * tick)
-    before, saved = hand.move(hand.place, 20), coupling.gate.saved_j
+    before, saved = hand.move(hand.place, 20), coupling.contact.spring.gate.saved_j
     assert 0.0 < saved <= MOST_SAVED_J
     send(coupling, line, 0.0, -0.02)
     coupling.start_frame()
@@ -99,19 +99,19 @@ def test_wall_that_jumps_into_a_resting_hand_spends_what_the_contact_has_dissipa
 
 
 def test_wall_that_leaves_lets_go_step_by_step() -> None:
-    coupling, line = LocalWall(seat_of("wall")), LineSender(1, 8)
+    coupling, line = make_local(seat_of("wall")), LineSender(1, 8)
     hand = Hand(coupling, -0.001)
     felt = [hand.move(0.003, 2)]
     send(coupling, line, 0.0, 0.05)
     felt += [hand.move(0.003) for _ in range(50)]
     assert (felt[0], felt[-1]) == (pytest.approx(3.0), 0.0)
     assert largest_step(felt) <= MOST_STEP_N * (1 + 1e-9)
-    assert coupling.surface_m == 0.05
+    assert coupling.contact.surface_m == 0.05
 
 
 def test_spring_comes_down_with_its_damper() -> None:
     """The device port takes from both of a contact: a spring that stays while its damper goes rings more."""
-    coupling = LocalWall(seat_of("wall"))
+    coupling = make_local(seat_of("wall"))
     hand = Hand(coupling, -0.001)
     record_nspm = largest_impedance(capability(), T_C).impedance_nspm
     whole = hand.move(0.002, 2)
@@ -127,7 +127,7 @@ def test_spring_comes_down_with_its_damper() -> None:
 def test_surface_yields_where_the_motors_cannot_follow_the_law() -> None:
     """Forces that rise by a slope go on to rise as the hand is pushed out, where the surface stays: the hand is thrown."""
     slope_n, stiffness, mass_kg, push_n = 1000.0 * T_C, 8847.0, 0.1, 6.0
-    coupling = LocalWall(seat_of("wall", stiffness_npm=stiffness, damping_nspm=7.2))
+    coupling = make_local(seat_of("wall", stiffness_npm=stiffness, damping_nspm=7.2))
     hand = Hand(coupling, 0.0)
     speed, place, force = 0.0, 0.0, 0.0
     speeds: list[float] = []
@@ -143,12 +143,12 @@ def test_surface_yields_where_the_motors_cannot_follow_the_law() -> None:
 
 
 def test_surface_stays_where_motors_round_the_force() -> None:
-    coupling = LocalWall(seat_of("wall"))
+    coupling = make_local(seat_of("wall"))
     hand = Hand(coupling, -0.001)
     for k in range(300):
         hand.force = [round(hand.force[0], 1)]  # as a driver's converter does
         hand.move(-0.001 + 0.003 * min(1.0, k / 60))
-        assert coupling.surface_m == 0.0
+        assert coupling.contact.surface_m == 0.0
     assert hand.force[0] == pytest.approx(2.0)
 
 
@@ -161,7 +161,7 @@ paths = st.lists(
 def test_a_wall_that_moves_is_paid_for(
     path: list[tuple[float, float | None, float]], stiffness: float, damping: float
 ) -> None:
-    coupling, line = LocalWall(seat_of("wall", stiffness_npm=stiffness, damping_nspm=damping)), LineSender(1, 8)
+    coupling, line = make_local(seat_of("wall", stiffness_npm=stiffness, damping_nspm=damping)), LineSender(1, 8)
     hand, work = Hand(coupling, -0.001), 0.0
     for step, jump, ramp in path:
         coupling.ramp_gain = ramp
@@ -171,20 +171,22 @@ def test_a_wall_that_moves_is_paid_for(
         work += coupling.applied_n[0] * step
         coupling.elapse((step / T_C,), (step / T_C,))
         hand.place += step
-        before = coupling.surface_m
+        before = coupling.contact.surface_m
         hand.force = coupling.force((hand.place,), (step / T_C,))
-        after = coupling.surface_m
+        after = coupling.contact.surface_m
         assert before is not None
         assert after is not None
         depth, earlier = (max(0.0, hand.place - surface) for surface in (after, before))
         if depth > earlier + 1e-12:  # the wall has moved into the hand
-            assert coupling.gate.saved_j >= -1e-12
+            assert coupling.contact.spring.gate.saved_j >= -1e-12
             assert stiffness * (depth - earlier) <= MOST_STEP_N * (1.0 + 1e-9)
         stored = coupling.stored_j
-        assert coupling.gate.saved_j + stored <= work + 1e-12  # what is stored and saved is the hand's own work
+        assert (
+            coupling.contact.spring.gate.saved_j + stored <= work + 1e-12
+        )  # what is stored and saved is the hand's own work
         if ramp < 1.0:
-            assert coupling.gate.saved_j >= -LENT_J - 1e-12 or stored <= 1e-12
-        assert coupling.gate.saved_j <= MOST_SAVED_J
+            assert coupling.contact.spring.gate.saved_j >= -LENT_J - 1e-12 or stored <= 1e-12
+        assert coupling.contact.spring.gate.saved_j <= MOST_SAVED_J
 
 
 @given(
@@ -194,8 +196,8 @@ def test_a_wall_that_moves_is_paid_for(
 def test_copy_gives_the_line_what_the_contact_gave_it_less_its_kinetic_energy(
     steps: list[tuple[float, float]], mass: float
 ) -> None:
-    coupling, line = LocalFaces(seat_of("faces")), LineSender(1, 8)
-    coupling._mass = mass
+    coupling, line = make_local(seat_of("faces")), LineSender(1, 8)
+    coupling.contact._mass = mass
     send(coupling, line, 0.0, 0.0)
     coupling.start_frame()
     hand = Hand(coupling, 0.0)
@@ -205,7 +207,7 @@ def test_copy_gives_the_line_what_the_contact_gave_it_less_its_kinetic_energy(
             coupling.end_frame()
             send(coupling, line, wave, 0.0)
             coupling.start_frame()
-        v, force, before = coupling.returning[0], hand.force[0], coupling.surface_m
+        v, force, before = coupling.returning[0], hand.force[0], coupling.contact.surface_m
         hand.move(hand.place + step)
         middle = (coupling.forward[0] + v) / sqrt(2.0 * b)  # the line's port: y = (u + v) / sqrt(2b)
         worked += force * middle * T_C
@@ -221,13 +223,13 @@ def test_seats_share_the_mass_of_a_free_object_with_the_server() -> None:
 
 
 def test_face_that_nobody_touches_goes_to_where_the_object_is() -> None:
-    coupling, line = LocalFaces(seat_of("faces")), LineSender(1, 8)
+    coupling, line = make_local(seat_of("faces")), LineSender(1, 8)
     send(coupling, line, 0.0, 0.0)
     hand = Hand(coupling, -0.05)
     send(coupling, line, 0.0, 0.01)
     hand.move(-0.05, 512)
-    assert coupling.surface_m == pytest.approx(0.01, abs=1e-5)
+    assert coupling.contact.surface_m == pytest.approx(0.01, abs=1e-5)
     send(coupling, line, 0.0, -0.08)
     hand.move(-0.05, 512)
-    assert coupling.surface_m == -0.05  # up to the hand, not into it
+    assert coupling.contact.surface_m == -0.05  # up to the hand, not into it
     assert hand.force[0] == 0.0

@@ -8,7 +8,7 @@ from types import SimpleNamespace
 import pytest
 
 from cogrip.devices.device import Sample
-from cogrip.protocol.settings import resolve
+from cogrip.protocol.settings.room import resolve
 from cogrip.sim.laboratory import Laboratory
 
 from tests.extent import every

@@ -7,9 +7,9 @@ from hypothesis import strategies as st
 
 from cogrip.client import inputs
 from cogrip.client.observer import ObserverCore
-from cogrip.protocol import messages
-from cogrip.protocol.messages import Farewell, Heartbeat, Hello, Leave, Stamp, View, Waves
-from cogrip.protocol.session import HEARTBEAT_EVERY_NS, QUIET_NS, ClientSession
+from cogrip.protocol.wire import messages
+from cogrip.protocol.wire.messages import Farewell, Heartbeat, Hello, Leave, Stamp, View, Waves
+from cogrip.protocol.wire.session import HEARTBEAT_EVERY_NS, QUIET_NS, ClientSession
 
 from tests.client.seated_client import hello, seat, welcome
 

@@ -7,11 +7,11 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from cogrip.client.hand.velocity import MotionObserver, memory_for
 from cogrip.client.inputs import DeviceFailed, DeviceOpened, ForceApplied, Rearm
-from cogrip.client.velocity import MotionObserver, memory_for
 from cogrip.devices.device import Sample
-from cogrip.protocol import messages
-from cogrip.protocol.messages import Stamp, State
+from cogrip.protocol.wire import messages
+from cogrip.protocol.wire.messages import Stamp, State
 
 from tests.client.seated_client import ROOT, T_C, Client, M, at_ns, capability
 

@@ -5,7 +5,7 @@ from math import exp, pi, sin, sqrt
 
 import pytest
 
-from cogrip.client.oscillation import (
+from cogrip.client.safety.oscillation import (
     FAST_HZ,
     MOST_AT_LIMIT,
     REVERSALS,

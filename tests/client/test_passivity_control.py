@@ -9,13 +9,13 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from cogrip.client.coupling.passivity_control import ASTRAY_MPS, RESERVE_J, SOFT_NPS, PassivityControl
 from cogrip.client.inputs import DeviceFailed, ForceApplied, Poll, Stop
-from cogrip.client.passivity_control import ASTRAY_MPS, RESERVE_J, SOFT_NPS, PassivityControl
-from cogrip.protocol import messages
-from cogrip.protocol.clock import Clock
+from cogrip.protocol.laws.passivity_control import CHARGE_UP_J, LENT_J
 from cogrip.protocol.line.energy_sums import CompensatedSum
-from cogrip.protocol.messages import Power, Stamp
-from cogrip.protocol.passivity_control import CHARGE_UP_J, LENT_J
+from cogrip.protocol.wire import messages
+from cogrip.protocol.wire.clock import Clock
+from cogrip.protocol.wire.messages import Power, Stamp
 
 from tests.client.seated_client import T_C, T_N, Client, M, at_ns, seat, walk
 

@@ -14,8 +14,8 @@ from cogrip.client.inputs import Connect, Poll
 from cogrip.client.io.paths import LEFT, MOST_DATAGRAMS, MOST_MESSAGES, MOST_WAITED_NS, TOO_MANY, JoinError, Paths, find
 from cogrip.client.path_migration import AGAIN_NS, REFUSED_NS, SPARE_NS
 from cogrip.machine.stop import Stop
-from cogrip.protocol.channel import PEER, Address, Channel, UnencryptedChannel
-from cogrip.protocol.session import GIVE_UP_NS, ClientSession
+from cogrip.protocol.secure.channel import PEER, Address, Channel, UnencryptedChannel
+from cogrip.protocol.wire.session import GIVE_UP_NS, ClientSession
 
 from tests.client.far_server import LIMIT_S, FarServer, drain_until
 from tests.client.seated_client import hello

@@ -9,8 +9,9 @@ from hypothesis import example, given
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
-from cogrip.client.pose_axes import PoseAxes, in_lengths
-from cogrip.client.safety import Safety
+from cogrip.client.hand.further_axes import in_lengths
+from cogrip.client.hand.pose_axes import PoseAxes
+from cogrip.client.safety.limiter import Safety
 from cogrip.devices import make
 from cogrip.devices.device import Sample
 

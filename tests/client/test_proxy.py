@@ -7,10 +7,10 @@ import pytest
 from hypothesis import example, given
 from hypothesis import strategies as st
 
-from cogrip.client.fixed_shapes import KINDS, FixedShape, Vector
-from cogrip.client.proxy import Proxy, without
+from cogrip.client.coupling.fixed_shapes import KINDS, FixedShape, Vector
+from cogrip.client.coupling.proxy import Proxy, without
 from cogrip.protocol.drawing import Shape
-from cogrip.protocol.rotations import exp
+from cogrip.protocol.laws.rotations import exp
 
 mujoco = pytest.importorskip("mujoco")
 ORIGIN = (0.0, 0.0, 0.0)

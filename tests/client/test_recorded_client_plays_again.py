@@ -14,9 +14,9 @@ from hypothesis import strategies as st
 
 from cogrip.client.inputs import Connect, DeviceFailed, KeepSeat, Rearm, Stop
 from cogrip.client.recorder import DATAGRAM_IN, DATAGRAM_OUT, EVENT, INPUT, KINDS, TICK, RecordedClient, start_of
-from cogrip.protocol import messages
-from cogrip.protocol.messages import Hello, Welcome
 from cogrip.protocol.recording.records import Datagram, Input, Tick
+from cogrip.protocol.wire import messages
+from cogrip.protocol.wire.messages import Hello, Welcome
 
 from tests.client.recorded_person import SCRIPT, TICKET, TOKEN, Person, Word, capability, outages
 from tests.recorded_end import nothing_is_judged_after_a_gap, the_beginning_is_exact

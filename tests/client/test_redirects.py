@@ -6,9 +6,9 @@ from itertools import pairwise
 import pytest
 
 from cogrip.client.io.paths import Paths, find, server_of
-from cogrip.protocol.channel import UnencryptedChannel
-from cogrip.protocol.messages import PROTOCOL_VERSION, Redirect, encode
-from cogrip.protocol.session import MOST_REDIRECTS, ClientSession
+from cogrip.protocol.secure.channel import UnencryptedChannel
+from cogrip.protocol.wire.messages import PROTOCOL_VERSION, Redirect, encode
+from cogrip.protocol.wire.session import MOST_REDIRECTS, ClientSession
 
 from tests.client.far_server import FarServer, drain_until
 from tests.client.seated_client import hello

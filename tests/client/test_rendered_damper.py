@@ -5,14 +5,14 @@ from dataclasses import replace
 import pytest
 
 from cogrip.client.core import ClientCore
+from cogrip.client.hand.velocity import largest_impedance
 from cogrip.client.inputs import Connect
-from cogrip.client.rendered_damper import OverloadError, refusal, rounded_down
+from cogrip.client.seat.rendered_damper import OverloadError, refusal, rounded_down
 from cogrip.client.supervised_device import SupervisedDevice
-from cogrip.client.velocity import largest_impedance
 from cogrip.devices.device import Capability
 from cogrip.devices.registry import make
 from cogrip.devices.simulated.device import SimulatedDevice
-from cogrip.protocol.settings import SeatSettings
+from cogrip.protocol.settings.seat import SeatSettings
 
 from tests.client.seated_client import T_C, hello, seat, welcome
 

@@ -9,13 +9,13 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from cogrip.client.inputs import Stop
-from cogrip.client.safety import RAMP_IN_S
-from cogrip.client.seated import LEAVE_FADE_S
+from cogrip.client.safety.limiter import RAMP_IN_S
+from cogrip.client.seat.seated import LEAVE_FADE_S
 from cogrip.devices.device import Sample
-from cogrip.protocol.accounts import LinkCount
-from cogrip.protocol.messages import Hello, Waves
-from cogrip.protocol.session import QUIET_NS
-from cogrip.protocol.settings import Playout
+from cogrip.protocol.settings.sections import Playout
+from cogrip.protocol.wire.accounts import LinkCount
+from cogrip.protocol.wire.messages import Hello, Waves
+from cogrip.protocol.wire.session import QUIET_NS
 
 from tests.client.seated_client import DEVICE_HZ, ROOT, T_N, Client, M, at_ns, walk
 

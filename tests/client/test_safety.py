@@ -8,8 +8,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from cogrip.client.force_limits import MOST_SLOPE_NPS
-from cogrip.client.safety import (
+from cogrip.client.safety.limiter import (
     AT_LIMIT_S,
     FAULT_OUT_S,
     IGNORED,
@@ -22,6 +21,7 @@ from cogrip.client.safety import (
     WATCHDOG_S,
     Safety,
 )
+from cogrip.devices.device import MOST_SLOPE_NPS
 
 from tests.client.live_safety import PEAK_N, RECORD, TICK_S, full, give, live
 

@@ -6,8 +6,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from cogrip.client.force_limits import SOFT_S, SOFT_SLOPE_NPS
-from cogrip.client.safety import FAULT_OUT_S, RAMP_OUT_S, Safety
+from cogrip.client.safety.force_limits import SOFT_S, SOFT_SLOPE_NPS
+from cogrip.client.safety.limiter import FAULT_OUT_S, RAMP_OUT_S, Safety
 
 from tests.client.live_safety import PEAK_N, TICK_S, full, give, live
 

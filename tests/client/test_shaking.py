@@ -4,7 +4,7 @@ from math import pi, sin, sqrt
 
 import pytest
 
-from cogrip.client.shaking import SHAKE_HZ, Shaking
+from cogrip.client.safety.shaking import SHAKE_HZ, Shaking
 
 HZ = 1024
 

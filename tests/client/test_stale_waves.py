@@ -4,9 +4,9 @@ from collections.abc import Callable
 
 import pytest
 
-from cogrip.protocol import messages
-from cogrip.protocol.messages import Heartbeat, Stamp, Waves
-from cogrip.protocol.session import STALE_NS
+from cogrip.protocol.wire import messages
+from cogrip.protocol.wire.messages import Heartbeat, Stamp, Waves
+from cogrip.protocol.wire.session import STALE_NS
 
 from tests.client.seated_client import DEVICE_HZ, Client, M, at_ns
 

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from cogrip.client.inputs import ClientInput, DeviceFailed, DeviceOpened, ForceApplied, Rearm
-from cogrip.client.safety import FAULT_OUT_S
+from cogrip.client.safety.limiter import FAULT_OUT_S
 from cogrip.client.supervised_device import ARMING_S, MOST_GAP_TICKS, SETTLED_S, SupervisedDevice
 from cogrip.devices.device import Capability, DeviceError, Sample
 from cogrip.devices.registry import make

@@ -8,9 +8,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from cogrip.client.force_limits import MOST_SLOPE_NPS
-from cogrip.client.safety import DERATED_S, FAULT_OUT_S, RAMP_OUT_S, Safety
-from cogrip.client.thermal import CALM_SHARE, FADE_S, TIME_CONSTANT_S, WARN_SHARE, ThermalLimit
+from cogrip.client.safety.limiter import DERATED_S, FAULT_OUT_S, RAMP_OUT_S, Safety
+from cogrip.client.safety.thermal import CALM_SHARE, FADE_S, TIME_CONSTANT_S, WARN_SHARE, ThermalLimit
+from cogrip.devices.device import MOST_SLOPE_NPS
 from cogrip.devices.registry import make
 
 from tests.client.live_safety import full, give

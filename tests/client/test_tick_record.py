@@ -11,7 +11,7 @@ from cogrip.client.tick_record import TickRecord
 from cogrip.devices.device import Device, Sample
 from cogrip.protocol.recording.records import Tick
 from cogrip.protocol.recording.sink import encode, pack
-from cogrip.protocol.settings import resolve
+from cogrip.protocol.settings.room import resolve
 from cogrip.sim import laboratory as session_laboratory
 from cogrip.sim.laboratory import Laboratory, make_for
 

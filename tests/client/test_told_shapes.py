@@ -5,13 +5,13 @@ from itertools import pairwise
 import pytest
 from msgspec import structs
 
-from cogrip.client.force_limits import SOFT_SLOPE_NPS
-from cogrip.client.local_contact import LocalFaces, LocalWall
-from cogrip.client.local_scene import LocalScene
-from cogrip.client.oscillation import OscillationDetector
+from cogrip.client.coupling.local_contact import LocalCoupling
+from cogrip.client.coupling.schemes import make_local
+from cogrip.client.safety.force_limits import SOFT_SLOPE_NPS
+from cogrip.client.safety.oscillation import OscillationDetector
 from cogrip.protocol.drawing import MOST_LOCAL, MOST_PAIRS, Shape
 from cogrip.protocol.line.sender import LineSender
-from cogrip.protocol.messages import Geom
+from cogrip.protocol.wire.messages import Geom
 
 from tests.client import test_local_contact as faces
 from tests.client.live_safety import live
@@ -25,19 +25,19 @@ RAISED = structs.replace(FLOOR, place_m=(0.0, 0.0, -0.005))
 DEEP = (0.0, 0.0, -0.002)
 
 
-def scene(*shapes: Shape) -> LocalScene:
+def scene(*shapes: Shape) -> LocalCoupling:
     """Return the contact of a client that has been told of these."""
-    coupling = LocalScene(seat(object={"kind": "scene", "file": "x.xml", "axes": 3}, coupling={"kind": "local"}))
+    coupling = make_local(seat(object={"kind": "scene", "file": "x.xml", "axes": 3}, coupling={"kind": "local"}))
     coupling.fit(capability(3), 0.0)
     assert all(tell(coupling, *shapes))
     return coupling
 
 
-def tell(coupling: LocalScene, *shapes: Shape) -> list[bool]:
+def tell(coupling: LocalCoupling, *shapes: Shape) -> list[bool]:
     return [coupling.receive_shape(Geom.of(shapes, number, 1)) for number in range(len(shapes))]
 
 
-def pressed_n(coupling: LocalScene, depth_m: float = 0.002) -> float:
+def pressed_n(coupling: LocalCoupling, depth_m: float = 0.002) -> float:
     """Come from above and press the ball this deep into the floor. Returns the force at rest."""
     coupling.force((0.0, 0.0, 0.001), STILL)
     down = (0.0, 0.0, -(0.001 + depth_m) / T_C)
@@ -79,7 +79,7 @@ def test_shapes_do_not_vanish_under_a_hand_whose_line_begins_anew() -> None:
     before, coupling = scene(BALL, FLOOR), scene()
     pressed_n(before)
     coupling.go_on_from(before)
-    assert coupling.proxy_m == before.proxy_m
+    assert coupling.contact.proxy_m == before.contact.proxy_m
     for shapes in ((), (BALL, FLOOR)):
         assert all(tell(coupling, *shapes))
         assert coupling.force(DEEP, STILL)[2] == pytest.approx(-K * 0.002)
@@ -89,17 +89,17 @@ def test_shapes_do_not_vanish_under_a_hand_whose_line_begins_anew() -> None:
     assert another.force(DEEP, STILL)[2] == 0.0, "it is not there for a hand that it has come around"
 
 
-@pytest.mark.parametrize("kind", [LocalWall, LocalFaces])
-def test_surface_does_not_vanish_under_a_hand_whose_line_begins_anew(kind: type[LocalWall | LocalFaces]) -> None:
-    settings = faces.seat_of("wall" if kind is LocalWall else "faces")
-    before, coupling = kind(settings), kind(settings)
+@pytest.mark.parametrize("kind", ["wall", "faces"])
+def test_surface_does_not_vanish_under_a_hand_whose_line_begins_anew(kind: str) -> None:
+    settings = faces.seat_of(kind)
+    before, coupling = make_local(settings), make_local(settings)
     hand = faces.Hand(before, -0.001)
     faces.send(before, LineSender(1, 8), 0.0, 0.0)
     hand.move(-0.001)
     hand.move(0.003)
     coupling.go_on_from(before)
     coupling.fit(capability(), 0.0)
-    assert coupling.force((0.003,), (0.0,))[0] == pytest.approx(K * (0.003 - before.surface_m))
+    assert coupling.force((0.003,), (0.0,))[0] == pytest.approx(K * (0.003 - before.contact.surface_m))
 
 
 def test_clear_tool_is_owed_nothing() -> None:

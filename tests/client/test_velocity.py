@@ -10,7 +10,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from cogrip.client.velocity import (
+from cogrip.client.hand.velocity import (
     LEAST_MEMORY,
     MEMORY,
     WANTED_NSPM,

@@ -2,12 +2,12 @@
 
 import pytest
 
+from cogrip.client.hand.waiting_hand import MOST_WAIT_S, WaitingHand
 from cogrip.client.markers import Markers
-from cogrip.client.waiting_hand import MOST_WAIT_S, WaitingHand
 from cogrip.devices.registry import make
 from cogrip.devices.simulated.device import SimulatedDevice
-from cogrip.protocol.messages import Mark
-from cogrip.protocol.task import EVERYBODY
+from cogrip.protocol.settings.task import EVERYBODY
+from cogrip.protocol.wire.messages import Mark
 
 RATE_HZ = 1000
 PUSHED_N = [0.3, 0.0, 0.0]

@@ -11,14 +11,15 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from msgspec.structs import replace
 
-from cogrip.client.line_tuner import GENTLE, RATE, LineTuner
-from cogrip.client.wave_coupling import WaveCoupling
-from cogrip.protocol.clock import Clock
+from cogrip.client.coupling.line_tuner import GENTLE, RATE, LineTuner
+from cogrip.client.coupling.wave_coupling import WaveCoupling
 from cogrip.protocol.line.concealment import YIELDING_GAIN
+from cogrip.protocol.line.line_in_use import FOLLOW_S
+from cogrip.protocol.line.loop_meter import LoopMeter
 from cogrip.protocol.line.sender import LineSender
-from cogrip.protocol.line_tuning import FOLLOW_S, Tuning
-from cogrip.protocol.loop_meter import LoopMeter
-from cogrip.protocol.messages import Waves, decode
+from cogrip.protocol.settings.line_tuning import Tuning
+from cogrip.protocol.wire.clock import Clock
+from cogrip.protocol.wire.messages import Waves, decode
 
 from tests.client.seated_client import ROOT, T_C, T_N, M, next_waves, seat
 from tests.interpreted import needs_interpreted

@@ -11,8 +11,9 @@ import pytest
 from msgspec.structs import replace
 
 from cogrip.client.effects.force import EffectForce
-from cogrip.protocol.effects import MOST_POINTS, Effect, EffectKind
-from cogrip.protocol.messages import Effects, decode, encode
+from cogrip.client.hand.frame import HandFrame
+from cogrip.protocol.settings.effects import MOST_POINTS, Effect, EffectKind
+from cogrip.protocol.wire.messages import Effects, decode, encode
 
 from tests.client.seated_client import capability
 from tests.clients.compiled import AXES, needs_compiler
@@ -84,7 +85,7 @@ class Pair:
             one.begin_anew()
             asked = None
         else:
-            asked = one.step(tick, end, speed, gain, (CARRIED_NSPM, CARRIED_NSPM / LAG_S))
+            asked = one.step(tick, end, speed, gain, (CARRIED_NSPM, CARRIED_NSPM / LAG_S), HandFrame())
             one._law = law if asked is None else [a + b for a, b in zip(law, asked, strict=True)]
             shares = [entry.share for entry in one._entries.values()]
             assert bool(out[AXES + 6]) is one.reduced or max(shares) < 1e-9  # one that rounding has ended a tick before

@@ -10,9 +10,9 @@ from typing import Any
 import pytest
 from msgspec.structs import replace
 
-from cogrip.protocol import messages
 from cogrip.protocol.line.sender import LineSender
-from cogrip.protocol.messages import Waves, decode
+from cogrip.protocol.wire import messages
+from cogrip.protocol.wire.messages import Waves, decode
 
 from tests.client.seated_client import next_waves
 from tests.clients.compiled import CHECKED, SOURCES, build, needs_compiler

@@ -9,7 +9,7 @@ from typing import Any
 import msgpack
 import pytest
 
-from cogrip.protocol.messages import PROTOCOL_VERSION, decode, encode
+from cogrip.protocol.wire.messages import PROTOCOL_VERSION, decode, encode
 
 from tests.clients.compiled import (
     CLIENT_BYTES,

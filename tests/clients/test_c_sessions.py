@@ -9,11 +9,11 @@ from typing import Any
 import pytest
 from msgspec.structs import replace
 
-from cogrip.protocol import messages
-from cogrip.protocol.messages import Edges, Waves, decode
-from cogrip.protocol.rates import Rates
-from cogrip.protocol.settings import Playout
+from cogrip.protocol.settings.rates import Rates
+from cogrip.protocol.settings.sections import Playout
 from cogrip.protocol.texts import clipped
+from cogrip.protocol.wire import messages
+from cogrip.protocol.wire.messages import Edges, Waves, decode
 from cogrip.server.inputs import Kick, Stop
 
 from tests.client.seated_client import seat, welcome

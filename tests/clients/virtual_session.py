@@ -5,10 +5,10 @@ from math import cos, pi
 from random import Random
 from typing import Any, TypeVar
 
-from cogrip.protocol.accounts import ClientAccount
-from cogrip.protocol.messages import Leave, decode, encode
-from cogrip.protocol.rates import due_ns
-from cogrip.protocol.settings import resolve
+from cogrip.protocol.settings.rates import due_ns
+from cogrip.protocol.settings.room import resolve
+from cogrip.protocol.wire.accounts import ClientAccount
+from cogrip.protocol.wire.messages import Leave, decode, encode
 from cogrip.server.admission import AdmissionServices
 from cogrip.server.core import ServerCore
 

@@ -9,7 +9,7 @@ from typing import Any
 
 import pytest
 
-from cogrip.protocol.settings import resolve
+from cogrip.protocol.settings.room import resolve
 from cogrip.results.laboratory_run import run_laboratory
 
 from tests.devices.compiled_stub import STUBS, compile_stub

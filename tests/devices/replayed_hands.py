@@ -9,12 +9,12 @@ import numpy as np
 
 from cogrip.client.recorder import client_topics, start_text
 from cogrip.devices import make
-from cogrip.protocol.rates import due_ns
 from cogrip.protocol.recording.header import Header, versions_here
 from cogrip.protocol.recording.reader import open_recording
 from cogrip.protocol.recording.records import Tick, kind_of
 from cogrip.protocol.recording.sink import encode
-from cogrip.protocol.session import make_hello
+from cogrip.protocol.settings.rates import due_ns
+from cogrip.protocol.wire.session import make_hello
 
 from tests.devices.held_device import RATE_HZ, hold, opened
 from tests.recording_files import written

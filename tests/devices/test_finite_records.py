@@ -18,7 +18,7 @@ from cogrip.devices.haply.models import MODELS as HAPLY
 from cogrip.devices.openhaptics.models import RECORDS as OPENHAPTICS
 from cogrip.devices.registry import describe, make
 from cogrip.protocol.recording.reader import open_recording
-from cogrip.protocol.session import make_hello
+from cogrip.protocol.wire.session import make_hello
 
 RECORDINGS = Path(__file__).resolve().parents[1] / "recordings"
 BOUNDS = ("peak_force_n", "continuous_force_n", "stiffness_npm", "damping_nspm", "slew_nps", "speed_mps")

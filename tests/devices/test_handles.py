@@ -14,7 +14,7 @@ from cogrip.devices.arm.gimbal import POLHEM, POLHEM_HID, VINTAGE, Gimbal
 from cogrip.devices.arm.models import MODELS
 from cogrip.devices.device import DeviceError
 from cogrip.devices.simulated.presses import Press, read_presses
-from cogrip.protocol.rotations import exp, of_matrix, turned
+from cogrip.protocol.laws.rotations import exp, of_matrix, turned
 
 from tests.devices import arm_bench
 from tests.devices.forcedimension_bench import Sdk

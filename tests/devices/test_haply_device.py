@@ -23,7 +23,7 @@ from cogrip.devices.haply.family import drive
 from cogrip.devices.haply.frames import HaplyCodec
 from cogrip.devices.haply.models import MODELS, HaplySettings, model_of
 from cogrip.devices.settings import parse_address, read_settings
-from cogrip.protocol.rates import due_ns
+from cogrip.protocol.settings.rates import due_ns
 
 from tests.extent import every
 

@@ -17,7 +17,7 @@ from numpy.polynomial import Polynomial
 from cogrip.devices import Device, DeviceError, Sample, make
 from cogrip.devices.simulated.hands import ImpedanceSettings
 from cogrip.devices.simulated.reconstructed_hand import ReconstructedHand
-from cogrip.protocol.settings import resolve
+from cogrip.protocol.settings.room import resolve
 from cogrip.results.laboratory_run import run_laboratory
 from cogrip.results.records import RunRecords, open_run
 from cogrip.results.replay.what_if import what_if

@@ -10,7 +10,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from cogrip.devices import Sample, make
-from cogrip.protocol.rates import due_ns
+from cogrip.protocol.settings.rates import due_ns
 
 from tests.devices.held_device import RATE_HZ, hold, opened
 from tests.devices.replayed_hands import TICKS, played, recorded, write_recording

@@ -8,7 +8,7 @@ import pytest
 from cogrip.devices.device import DeviceError, Gripper
 from cogrip.devices.for_user import first_axes, make_for
 from cogrip.devices.registry import axes_of, make
-from cogrip.protocol.settings import User
+from cogrip.protocol.settings.sections import User
 
 from tests.devices.held_device import RATE_HZ, hold, opened
 

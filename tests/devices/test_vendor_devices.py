@@ -12,7 +12,7 @@ from cogrip.client.supervised_device import SupervisedDevice
 from cogrip.devices.conformance import CHECKS, Subject
 from cogrip.devices.device import DeviceError
 from cogrip.devices.registry import make
-from cogrip.protocol.rates import due_ns
+from cogrip.protocol.settings.rates import due_ns
 
 from tests.client.seated_client import DEVICE_HZ, Client, M
 from tests.devices.vendor_bench import VendorBench

@@ -3,7 +3,7 @@
 Kinds: "theory 3.4" and "theory section 3.4" (docs/theory.md), "design: Server process" (docs/design.md),
 "SPEC 5.4" and "SPEC.md section 5" (protocol/SPEC.md), "docs/NAME.md",
 "docs/decisions/0003", "decision 3", "dev.py bench NAME", relative links of Markdown with their anchors, and on
-pages modules such as `cogrip.protocol.waves`.
+pages modules such as `cogrip.protocol.laws.waves`.
 """
 
 import os

@@ -8,10 +8,10 @@ from cogrip.analysis.decimation_passivity import filter_of, largest_gain
 from cogrip.analysis.lifted_model import LiftedModel
 from cogrip.analysis.linear_session import linear_session, scheme_overrides
 from cogrip.analysis.stability import verdict
-from cogrip.protocol.decimation import lag_s
-from cogrip.protocol.felt_stiffness import felt_stiffness, line_compliance
-from cogrip.protocol.rates import Rates
-from cogrip.protocol.settings import resolve
+from cogrip.protocol.laws.decimation import lag_s
+from cogrip.protocol.laws.felt_stiffness import felt_stiffness, line_compliance
+from cogrip.protocol.settings.rates import Rates
+from cogrip.protocol.settings.room import resolve
 
 from tests.docs.pages import page, table
 

@@ -6,7 +6,8 @@ from typing import Any, get_args, get_origin, get_type_hints
 import msgspec
 
 from cogrip.cli.main import COMMANDS
-from cogrip.protocol.settings import Settings, resolve
+from cogrip.protocol.settings.room import resolve
+from cogrip.protocol.settings.sections import Settings
 from cogrip.results.laboratory_run import run_laboratory
 
 from tests.docs.pages import page

@@ -5,7 +5,7 @@ import time
 from collections.abc import Callable
 from contextlib import suppress
 
-from cogrip.protocol.channel import PEER
+from cogrip.protocol.secure.channel import PEER
 
 from tests.dtls_peer import records
 from tests.dtls_peer.client import DtlsPeer

@@ -15,7 +15,7 @@ from cryptography.hazmat.primitives.asymmetric import ec
 from cryptography.hazmat.primitives.asymmetric.x25519 import X25519PrivateKey, X25519PublicKey
 from cryptography.hazmat.primitives.serialization import Encoding, PublicFormat
 
-from cogrip.protocol.channel import PEER, Address
+from cogrip.protocol.secure.channel import PEER, Address
 
 from tests.dtls_peer import records as wire
 from tests.dtls_peer.records import ALERT, APPLICATION_DATA, HANDSHAKE, Fragment, Protection, hashed, prf, whole

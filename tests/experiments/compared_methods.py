@@ -8,7 +8,7 @@ from typing import Any
 from cogrip.experiments.experiment import Measure, Result, run_case
 from cogrip.experiments.methods.query import Comparison, prepare
 from cogrip.experiments.methods.table import TABLE
-from cogrip.protocol.settings import resolve
+from cogrip.protocol.settings.room import resolve
 
 TWO: dict[str, Any] = {
     "name": "two",

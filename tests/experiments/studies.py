@@ -12,7 +12,7 @@ from cogrip.experiments.study.phases import Phase
 from cogrip.experiments.study.simulated import SimulatedPeople
 from cogrip.experiments.study.study_file import Study, check, read_study
 from cogrip.experiments.study.trial import Event
-from cogrip.protocol.settings import Settings
+from cogrip.protocol.settings.sections import Settings
 from cogrip.results.measures.goal import Goal
 
 SHIPPED = Path(__file__).parents[2] / "configs" / "studies"

@@ -45,7 +45,7 @@ from cogrip.experiments.methods.method import (
     session_settings,
 )
 from cogrip.experiments.methods.query import prepare
-from cogrip.protocol.settings import coupling_of, rates_of, resolve
+from cogrip.protocol.settings.room import coupling_of, rates_of, resolve
 
 from tests.experiments.compared_methods import FREE, TWO, small
 from tests.extent import every, long

@@ -18,7 +18,7 @@ from cogrip.experiments.methods.table import gather, markdown, notes, of_probes,
 from cogrip.experiments.runner import run_experiment
 from cogrip.experiments.worker_pool import LocalWorkers
 from cogrip.machine.stop import Stop
-from cogrip.protocol.settings import resolve
+from cogrip.protocol.settings.room import resolve
 from cogrip.results.compared_methods import ours_failed
 from cogrip.results.folder import SUMMARY
 

@@ -14,7 +14,7 @@ from cogrip.experiments.methods.measures import COLUMNS
 from cogrip.experiments.methods.plots import draw_all
 from cogrip.experiments.methods.query import Comparison, prepare
 from cogrip.experiments.methods.table import gather, verdict
-from cogrip.protocol.settings import resolve
+from cogrip.protocol.settings.room import resolve
 from cogrip.results.plots.style import ALARM, COLOURS, INK, NotDrawnError, colour
 
 from tests.extent import long

@@ -23,7 +23,8 @@ from cogrip.experiments.sweep.measures import LIFTED, MeasureError, expanded, re
 from cogrip.experiments.sweep.picture import draw_measure
 from cogrip.experiments.sweep.query import MANIFEST, Job, measure_case, prepare
 from cogrip.experiments.worker_pool import LocalWorkers
-from cogrip.protocol.settings import Settings, resolve
+from cogrip.protocol.settings.room import resolve
+from cogrip.protocol.settings.sections import Settings
 from cogrip.results.laboratory_run import run_laboratory
 from cogrip.results.plots.style import NotDrawnError
 

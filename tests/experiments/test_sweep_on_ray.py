@@ -17,7 +17,7 @@ from cogrip.experiments.runner import run_experiment
 from cogrip.experiments.sweep.grid import parse_axis
 from cogrip.experiments.sweep.query import Job, measure_case, prepare
 from cogrip.machine.stop import Stop
-from cogrip.protocol.settings import resolve
+from cogrip.protocol.settings.room import resolve
 
 # what ray itself warns of, and of its own; processes of a node that was killed are gone when ray wants to tell them
 pytestmark = [pytest.mark.filterwarnings("ignore::Warning")]

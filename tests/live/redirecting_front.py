@@ -11,10 +11,10 @@ from cogrip.cli.session.server_state import front_channel_of
 from cogrip.cli.settings.settings_file import load
 from cogrip.machine.stop import Stop
 from cogrip.server.events import ServerEvent
-from cogrip.server.io.cluster.directory import Home
-from cogrip.server.io.cluster.front import ClusterFront
+from cogrip.server.hosting.cluster.directory import Home
+from cogrip.server.hosting.cluster.front import ClusterFront
+from cogrip.server.hosting.workers.steering import open_public
 from cogrip.server.io.state_folder import StateFolder
-from cogrip.server.io.workers.steering import open_public
 
 
 class OneHome:

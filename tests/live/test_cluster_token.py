@@ -9,7 +9,7 @@ from collections.abc import Iterator
 
 import pytest
 
-from cogrip.server.io.cluster.ray_token import asks_for_token
+from cogrip.server.hosting.cluster.ray_token import asks_for_token
 
 from tests.free_ports import free_port
 from tests.live.held_arms import DEMO, fairly
@@ -80,5 +80,5 @@ def serving(base: os.PathLike[str], cluster: Apart) -> list[object]:
 
 
 def test_what_cannot_be_asked_asks_for_no_token(monkeypatch):
-    monkeypatch.setattr("cogrip.server.io.cluster.ray_token.PROBE", "import no_such_ray")
+    monkeypatch.setattr("cogrip.server.hosting.cluster.ray_token.PROBE", "import no_such_ray")
     assert not asks_for_token("127.0.0.1:1")

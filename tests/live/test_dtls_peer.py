@@ -9,9 +9,9 @@ import msgspec
 import pytest
 
 from cogrip.cli.settings.settings_file import load
-from cogrip.protocol.join_link import JoinLink, parse_link
-from cogrip.protocol.session import make_hello
-from cogrip.protocol.settings import seat_settings
+from cogrip.protocol.settings.room import seat_settings
+from cogrip.protocol.wire.join_link import JoinLink, parse_link
+from cogrip.protocol.wire.session import make_hello
 
 from tests.bench.loads.people import Load, Person
 from tests.dtls_peer.attack import attack

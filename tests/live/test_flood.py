@@ -15,9 +15,9 @@ import pytest
 
 from cogrip.cli.settings.settings_file import load
 from cogrip.protocol.io.dtls_client import DtlsClient
-from cogrip.protocol.join_link import parse_link
-from cogrip.protocol.session import make_hello
-from cogrip.protocol.settings import seat_settings
+from cogrip.protocol.settings.room import seat_settings
+from cogrip.protocol.wire.join_link import parse_link
+from cogrip.protocol.wire.session import make_hello
 from cogrip.server.rate_limit import LIMITS
 
 from tests.bench.loads.flood import MIX, Flood, Job, samples_of

@@ -3,7 +3,7 @@
 import signal
 
 from cogrip.cli.settings.settings_file import load
-from cogrip.protocol.passivity_control import LENT_J
+from cogrip.protocol.laws.passivity_control import LENT_J
 from cogrip.results.summary import of_laboratory
 from cogrip.sim.laboratory import Laboratory
 

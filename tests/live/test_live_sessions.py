@@ -12,9 +12,9 @@ import msgspec
 import pytest
 
 from cogrip.machine.compiled_files import form
-from cogrip.protocol.messages import HELLO_BYTES, PROTOCOL_VERSION
 from cogrip.protocol.recording.reader import Follower, RecordingError, open_recording
 from cogrip.protocol.recording.records import Step
+from cogrip.protocol.wire.messages import HELLO_BYTES, PROTOCOL_VERSION
 from cogrip.results.replay.verify import Verdict, verify
 from cogrip.results.traces import load_run
 from cogrip.server.checkpoint import decode

@@ -10,9 +10,9 @@ from pathlib import Path
 import pytest
 
 from cogrip.machine.tick_count import Percentiles, TickCount
-from cogrip.protocol.accounts import LEFT, SATURATED, ClientAccount, DeviceAccount, LinkCount
-from cogrip.protocol.messages import Leave, encode
-from cogrip.protocol.session import ClientSession, make_hello
+from cogrip.protocol.wire.accounts import LEFT, SATURATED, ClientAccount, DeviceAccount, LinkCount
+from cogrip.protocol.wire.messages import Leave, encode
+from cogrip.protocol.wire.session import ClientSession, make_hello
 
 DEMO = Path(__file__).resolve().parents[2] / "configs" / "demo.toml"
 ESCAPES = "\x1b]0;mine\x07\x1b[2J\x9b31m\u202e\r\nPassive: all is well\u2028"

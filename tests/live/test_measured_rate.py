@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from cogrip.protocol.network_rate import RATES_HZ, RateChoice
+from cogrip.protocol.settings.network_rate import RATES_HZ, RateChoice
 from cogrip.results.folder import SETTINGS
 
 FILE = """

@@ -10,8 +10,8 @@ from itertools import islice
 import msgspec
 import pytest
 
-from cogrip.protocol.join_link import parse_link
-from cogrip.protocol.settings import resolve
+from cogrip.protocol.settings.room import resolve
+from cogrip.protocol.wire.join_link import parse_link
 from cogrip.results.records import open_run
 from cogrip.sim.link import Fate, fates
 

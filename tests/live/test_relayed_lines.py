@@ -7,7 +7,7 @@ from pathlib import Path
 import msgspec
 import pytest
 
-from cogrip.protocol.join_link import parse_link
+from cogrip.protocol.wire.join_link import parse_link
 
 from tests.extent import long
 from tests.live.conftest import Relay

@@ -20,9 +20,9 @@ import msgspec
 import numpy as np
 import pytest
 
-from cogrip.protocol.join_link import JoinLink, parse_link
-from cogrip.protocol.messages import HELLO_BYTES
 from cogrip.protocol.recording.reader import RecordingError, open_recording
+from cogrip.protocol.wire.join_link import JoinLink, parse_link
+from cogrip.protocol.wire.messages import HELLO_BYTES
 from cogrip.results.records import End
 from cogrip.results.replay.verify import verify
 from cogrip.server.checkpoint import RoomCheckpoint, decode
@@ -45,7 +45,7 @@ MOST_STEP_M = 1e-3  # of the object, in one frame
 HOSTILE_OBSERVER = """
 import sys
 from cogrip.client.observer import ObserverCore
-from cogrip.protocol.messages import Stamp, Waves, encode
+from cogrip.protocol.wire.messages import Stamp, Waves, encode
 whole = ObserverCore.receive
 def receive(self, datagram, now_ns):
     whole(self, datagram, now_ns)

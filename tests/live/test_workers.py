@@ -11,7 +11,7 @@ from pathlib import Path
 import msgspec
 import pytest
 
-from cogrip.protocol.join_link import parse_link
+from cogrip.protocol.wire.join_link import parse_link
 from cogrip.results.replay.verify import verify
 from cogrip.server.checkpoint import decode
 from cogrip.server.io import checkpoint_file

@@ -13,7 +13,7 @@ import pytest
 
 from cogrip.machine.arrivals import Arrivals
 from cogrip.machine.datagrams import BATCH, Datagrams, open_arrivals, open_datagrams
-from cogrip.protocol.channel import Address
+from cogrip.protocol.secure.channel import Address
 
 FORMS = ["one by one", "batches"]
 LIMIT_S = 10.0

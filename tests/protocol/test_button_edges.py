@@ -9,9 +9,9 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from cogrip.protocol.button_edges import LEFT_OUT, EdgeReceiver, EdgeSender, bits_of
-from cogrip.protocol.handle import MOST_AGE, MOST_EDGES, Handle
-from cogrip.protocol.messages import MalformedError, State, decode
+from cogrip.protocol.wire.button_edges import LEFT_OUT, EdgeReceiver, EdgeSender, bits_of
+from cogrip.protocol.wire.handle import MOST_AGE, MOST_EDGES, Handle
+from cogrip.protocol.wire.messages import MalformedError, State, decode
 
 ENOUGH = 400  # frames, after which the line loses nothing
 

@@ -8,8 +8,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from cogrip.protocol.clock import DRIFT_PPM, MOST_RTT_NS, Clock
-from cogrip.protocol.messages import Stamp
+from cogrip.protocol.wire.clock import DRIFT_PPM, MOST_RTT_NS, Clock
+from cogrip.protocol.wire.messages import Stamp
 
 MS = 1_000_000
 S = 1_000 * MS

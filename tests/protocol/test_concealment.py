@@ -8,11 +8,12 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from hypothesis.stateful import Bundle, RuleBasedStateMachine, invariant, precondition, rule
 
+from cogrip.protocol.axes import POSE_AXES
 from cogrip.protocol.line.concealment import CONCEALMENTS, ELASTIC_FADE, ELASTIC_LIMIT, FADE, LAST_FADE, MOVING_FRACTION
 from cogrip.protocol.line.energy_ledger import RESERVED_CREDIT, WaveLedger
 from cogrip.protocol.line.receiver import LineReceiver
 from cogrip.protocol.line.sender import Frame
-from cogrip.protocol.setting_types import POSE_AXES, Concealed
+from cogrip.protocol.settings.types import Concealed
 
 from tests.protocol.test_line import FRAME_S, CheckedLine
 

@@ -1,14 +1,16 @@
 """Settings of impedance and filter, in numbers and "auto": what a seat begins with, what its client may change, bad input."""
 
-from typing import Any
+from typing import Any, get_args, get_type_hints
 
+import msgspec
 import pytest
 
-from cogrip.protocol.coupling_settings import LEAST_FILTER_HZ, LineTuning
-from cogrip.protocol.line_tuning import USUAL_NSPM, corner_hz, tuning
-from cogrip.protocol.settings import Settings, coupling_of, resolve, seat_settings
-from cogrip.protocol.settings_digest import digest
-from cogrip.protocol.settings_table import SettingsError
+from cogrip.protocol.settings.coupling import LEAST_FILTER_HZ, CouplingSection, LineTuning
+from cogrip.protocol.settings.digest import digest
+from cogrip.protocol.settings.line_tuning import USUAL_NSPM, corner_hz, tuning
+from cogrip.protocol.settings.room import coupling_of, resolve, seat_settings
+from cogrip.protocol.settings.sections import OWN_COUPLING, Settings, User
+from cogrip.protocol.settings.table import SettingsError
 
 AUTO = {"impedance_nspm": "auto", "wave_filter_hz": "auto"}
 TWO = [{"name": "anna"}, {"name": "ben"}]
@@ -88,3 +90,12 @@ def test_bad_input_says_what_to_do(coupling: dict[str, Any], words: str) -> None
         settings(**coupling)
     assert words in str(error.value)
     assert "\n" not in str(error.value)
+
+
+def test_a_person_s_own_keys_have_the_bounds_of_the_room_s() -> None:
+    room, own = (get_type_hints(each, include_extras=True) for each in (CouplingSection, User))
+    assert set(OWN_COUPLING) == set(room) & set(own) > {"impedance_nspm", "stiffness_npm"}
+    for name in OWN_COUPLING:
+        assert set(get_args(own[name])) - {type(None)} == set(get_args(room[name])) - {msgspec.UnsetType} or (
+            own[name] == room[name] | None
+        ), name

@@ -7,8 +7,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from cogrip.protocol.decimation import KINDS, Decimator, lag_s, make_decimator
-from cogrip.protocol.setting_types import PLACES
+from cogrip.protocol.axes import PLACES
+from cogrip.protocol.laws.decimation import KINDS, Decimator, lag_s, make_decimator
 
 M = 8
 TICK_S = 1.0 / 1024.0

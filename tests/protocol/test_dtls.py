@@ -10,12 +10,12 @@ from hypothesis import given
 from hypothesis import strategies as st
 from OpenSSL import SSL
 
-from cogrip.protocol import dtls_records
-from cogrip.protocol.dtls_records import ALERT
 from cogrip.protocol.io import certificate, dtls
 from cogrip.protocol.io.certificate import Identity
 from cogrip.protocol.io.dtls import NO_CIPHER, NO_VERSION, OTHER_ERROR, WRONG_CERTIFICATE, cookie_in, error_text
-from cogrip.protocol.messages import DTLS_BYTES, MAX_DATAGRAM_BYTES
+from cogrip.protocol.secure import dtls_records
+from cogrip.protocol.secure.dtls_records import ALERT
+from cogrip.protocol.wire.messages import DTLS_BYTES, MAX_DATAGRAM_BYTES
 
 from tests.protocol import foreign_peers
 from tests.protocol.foreign_peers import DTLS1_0, Pair, client_side, foreign, long_identity, rsa_identity, server_side

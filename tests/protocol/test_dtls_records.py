@@ -6,8 +6,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from cogrip.protocol import dtls_records
-from cogrip.protocol.dtls_records import ALERT, CLIENT_KEY_EXCHANGE, DATA, HANDSHAKE, MOST_MESSAGE_BYTES, records
+from cogrip.protocol.secure import dtls_records
+from cogrip.protocol.secure.dtls_records import ALERT, CLIENT_KEY_EXCHANGE, DATA, HANDSHAKE, MOST_MESSAGE_BYTES, records
 
 from tests.dtls_peer.records import Fragment, Record, whole
 

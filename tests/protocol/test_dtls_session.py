@@ -6,11 +6,11 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from cogrip.protocol.dtls_records import ALERT, RECORD_HEADER_BYTES
 from cogrip.protocol.io import certificate
 from cogrip.protocol.io.dtls import CLOSED, Association
 from cogrip.protocol.io.dtls_session import SUITES, WINDOW, DtlsSession, export_keys, newest_number, prf
-from cogrip.protocol.messages import DTLS_BYTES, MAX_MESSAGE_BYTES
+from cogrip.protocol.secure.dtls_records import ALERT, RECORD_HEADER_BYTES
+from cogrip.protocol.wire.messages import DTLS_BYTES, MAX_MESSAGE_BYTES
 
 from tests.protocol.foreign_peers import Pair, client_side, server_side
 

@@ -11,18 +11,18 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from cogrip.client.wave_coupling import WaveCoupling
-from cogrip.protocol.clock import Clock
+from cogrip.client.coupling.wave_coupling import WaveCoupling
 from cogrip.protocol.line import energy_ledger
 from cogrip.protocol.line.concealment import CONCEALMENTS
 from cogrip.protocol.line.energy_reserve import EnergyReserve, known
 from cogrip.protocol.line.energy_sums import RESERVE_FRACTION, UNIT, CompensatedSum, WaveSums, rounding_fraction
 from cogrip.protocol.line.receiver import LineReceiver
 from cogrip.protocol.line.sender import Frame, LineSender
-from cogrip.protocol.messages import decode
-from cogrip.protocol.settings import resolve, seat_settings
-from cogrip.server.seat_limits import SeatLimits
-from cogrip.server.wave_port import WavePort
+from cogrip.protocol.settings.room import resolve, seat_settings
+from cogrip.protocol.wire.clock import Clock
+from cogrip.protocol.wire.messages import decode
+from cogrip.server.ports.seat_limits import SeatLimits
+from cogrip.server.ports.wave_port import WavePort
 
 from tests.interpreted import needs_interpreted
 

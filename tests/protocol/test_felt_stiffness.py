@@ -4,8 +4,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from cogrip.protocol.decimation import lag_s
-from cogrip.protocol.felt_stiffness import OutOfReachError, compensated_stiffness, felt_stiffness, line_compliance
+from cogrip.protocol.laws.decimation import lag_s
+from cogrip.protocol.laws.felt_stiffness import OutOfReachError, compensated_stiffness, felt_stiffness, line_compliance
 
 FRAME_S = 1.0 / 128.0
 

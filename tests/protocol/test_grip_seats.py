@@ -7,12 +7,11 @@ import msgspec
 import pytest
 from msgspec.structs import replace
 
-from cogrip.protocol.coupling_settings import Coupling
-from cogrip.protocol.hello_padding import HELLO_BYTES
-from cogrip.protocol.messages import MalformedError, Welcome, decode, encode
-from cogrip.protocol.session import ClientSession, unfit_axes
-from cogrip.protocol.settings import resolve, seat_settings
-from cogrip.protocol.settings_digest import digest
+from cogrip.protocol.settings.coupling import Coupling
+from cogrip.protocol.settings.digest import digest
+from cogrip.protocol.settings.room import resolve, seat_settings
+from cogrip.protocol.wire.messages import HELLO_BYTES, MalformedError, Welcome, decode, encode
+from cogrip.protocol.wire.session import ClientSession, unfit_axes
 
 from tests.protocol.test_messages import LARGEST
 from tests.protocol.two_ends import hello

@@ -9,13 +9,13 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from cogrip.protocol.line import jitter_buffer
-from cogrip.protocol.line.delays import HELD_MS, line_delay
 from cogrip.protocol.line.jitter_buffer import AdaptiveJitterBuffer
 from cogrip.protocol.line.receiver import LATE, MOST_UNHEARD, LineReceiver
 from cogrip.protocol.line.sender import LineSender
-from cogrip.protocol.link_profile import LinkProfile
-from cogrip.protocol.rates import Rates
-from cogrip.protocol.settings import Playout
+from cogrip.protocol.settings.delays import HELD_MS, line_delay
+from cogrip.protocol.settings.link_profile import LinkProfile
+from cogrip.protocol.settings.rates import Rates
+from cogrip.protocol.settings.sections import Playout
 from cogrip.sim.link import HOLD_MS
 
 from tests.extent import long

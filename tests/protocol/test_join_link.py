@@ -8,8 +8,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 from rich.console import Console
 
-from cogrip.protocol import join_link
-from cogrip.protocol.join_link import JoinLink, LinkError, is_link, is_secret, parse_link, unwrapped
+from cogrip.protocol.wire import join_link
+from cogrip.protocol.wire.join_link import JoinLink, LinkError, is_link, is_secret, parse_link, unwrapped
 
 FINGERPRINT = "0123456789abcdef" * 4
 TOKEN = "Kq7-_xZz09QWERTYuiopAw"

@@ -3,9 +3,9 @@
 from hypothesis import given
 from hypothesis import strategies as st
 
-from cogrip.protocol.latest_state import HISTORY, StateReceiver
+from cogrip.protocol.line.latest_state import HISTORY, StateReceiver
 from cogrip.protocol.line.receiver import FURTHEST_JUMP
-from cogrip.protocol.messages import Stamp, State
+from cogrip.protocol.wire.messages import Stamp, State
 
 
 def state(number: int) -> State:

@@ -13,10 +13,11 @@ from hypothesis import strategies as st
 
 from cogrip.protocol.line import receiver as line
 from cogrip.protocol.line.concealment import COMPENSATION_LIMIT, CONCEALMENTS, FADE
-from cogrip.protocol.line.jitter_buffer import REALIGN_WINDOW, Frames
+from cogrip.protocol.line.jitter_buffer import REALIGN_WINDOW
 from cogrip.protocol.line.receiver import LineReceiver
 from cogrip.protocol.line.sender import Frame, LineSender
-from cogrip.protocol.setting_types import Concealed
+from cogrip.protocol.settings.delays import Frames
+from cogrip.protocol.settings.types import Concealed
 
 FRAME_S = 1.0 / 128.0
 TOLERANCE = 1e-12

@@ -6,7 +6,7 @@ import pytest
 
 from cogrip.protocol.line.energy_ledger import FIRST_ROWS, HISTORY, WaveLedger
 from cogrip.protocol.line.energy_sums import RESERVE_FRACTION, Row, WaveSums
-from cogrip.protocol.received_waves import ReceivedWaves
+from cogrip.protocol.line.received_waves import ReceivedWaves
 
 
 def totals(first: int, total: Row, squares: Row) -> ReceivedWaves:

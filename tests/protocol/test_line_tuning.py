@@ -7,10 +7,12 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from cogrip.protocol import line_tuning
-from cogrip.protocol.line_tuning import ImpedanceChanges, LoopFollower, bounded, corner_hz, filter_lag_s, flat_s, tuning
-from cogrip.protocol.loop_meter import LoopMeter
-from cogrip.protocol.setting_types import Prefer
+from cogrip.protocol.line import line_in_use
+from cogrip.protocol.line.line_in_use import ImpedanceChanges, LoopFollower
+from cogrip.protocol.line.loop_meter import LoopMeter
+from cogrip.protocol.settings import line_tuning
+from cogrip.protocol.settings.line_tuning import bounded, corner_hz, filter_lag_s, flat_s, tuning
+from cogrip.protocol.settings.types import Prefer
 
 FRAME_S, FRAMES = 1.0 / 128.0, 8
 loops = st.floats(1e-3, 32.0)
@@ -76,17 +78,17 @@ def followed(begins_s: float, frames: int, seconds: float) -> list[float]:
 
 @given(st.floats(0.05, 3.0), st.integers(7, 400))
 def test_the_loop_is_followed_slowly_and_to_the_end(begins_s: float, frames: int) -> None:
-    found, most = followed(begins_s, frames, 30.0), exp(FRAMES * FRAME_S / line_tuning.FOLLOW_S)
+    found, most = followed(begins_s, frames, 30.0), exp(FRAMES * FRAME_S / line_in_use.FOLLOW_S)
     for before, after in pairwise(found):
         assert 1.0 / most <= after / before * (1.0 + 1e-12)
         assert after / before <= most * (1.0 + 1e-12)
-    assert abs(found[-1] - frames * FRAME_S) <= line_tuning.NEW * max(begins_s, frames * FRAME_S)
+    assert abs(found[-1] - frames * FRAME_S) <= line_in_use.NEW * max(begins_s, frames * FRAME_S)
 
 
 @pytest.mark.parametrize(("share", "follows"), [(0.99, False), (1.01, True)])
 def test_a_loop_that_is_hardly_another_changes_nothing(share: float, follows: bool) -> None:
     frames = 100
-    found = followed(frames * FRAME_S / (1.0 + share * line_tuning.NEW), frames, 10.0)
+    found = followed(frames * FRAME_S / (1.0 + share * line_in_use.NEW), frames, 10.0)
     assert (found[-1] > found[0]) == follows
 
 
@@ -101,7 +103,7 @@ def test_readings_that_do_not_agree_and_a_meter_that_is_not_full_change_nothing(
 
 
 @given(
-    st.lists(st.tuples(st.integers(0, 200), st.floats(1.0, 60.0)), max_size=line_tuning.KEPT),
+    st.lists(st.tuples(st.integers(0, 200), st.floats(1.0, 60.0)), max_size=line_in_use.KEPT),
     st.lists(st.integers(-1, 300)),
 )
 def test_a_frame_has_the_newest_impedance_that_holds_for_it(changes: list[tuple[int, float]], asked: list[int]) -> None:
@@ -116,7 +118,7 @@ def test_a_frame_has_the_newest_impedance_that_holds_for_it(changes: list[tuple[
 
 def test_whatever_is_said_little_is_kept() -> None:
     known = ImpedanceChanges(20.0)
-    for number in range(10 * line_tuning.KEPT):
+    for number in range(10 * line_in_use.KEPT):
         known.add(10**6 + number, 5.0)
-    assert len(known._coming) == line_tuning.KEPT
+    assert len(known._coming) == line_in_use.KEPT
     assert known.at(10**6 - 1) == 20.0

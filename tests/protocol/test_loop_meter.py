@@ -5,7 +5,7 @@ from statistics import median_low
 from hypothesis import given
 from hypothesis import strategies as st
 
-from cogrip.protocol.loop_meter import MOST_LOOP_FRAMES, LoopMeter
+from cogrip.protocol.line.loop_meter import MOST_LOOP_FRAMES, LoopMeter
 
 
 @given(

@@ -11,8 +11,13 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from cogrip.machine.tick_count import TickCount
-from cogrip.protocol import accounts, messages
-from cogrip.protocol.accounts import (
+from cogrip.protocol.settings.effects import MOST_POINTS, Effect
+from cogrip.protocol.settings.hand import HandChange, WorkspaceLimit
+from cogrip.protocol.settings.room import resolve, seat_settings
+from cogrip.protocol.settings.seat import SeatSettings
+from cogrip.protocol.texts import TEXT_BYTES, clipped
+from cogrip.protocol.wire import accounts, messages
+from cogrip.protocol.wire.accounts import (
     REASON_BYTES,
     ClientAccount,
     DeviceAccount,
@@ -20,12 +25,8 @@ from cogrip.protocol.accounts import (
     RoomAccount,
     SeatAccount,
 )
-from cogrip.protocol.effects import MOST_POINTS, Effect
-from cogrip.protocol.hand_settings import HandChange, WorkspaceLimit
-from cogrip.protocol.messages import HELLO_BYTES, VIEWED_SEATS, Hello, MalformedError, decode, encode, padded
-from cogrip.protocol.session import ClientSession, foreign_version, make_hello, nonce_of
-from cogrip.protocol.settings import SeatSettings, resolve, seat_settings
-from cogrip.protocol.texts import TEXT_BYTES, clipped
+from cogrip.protocol.wire.messages import HELLO_BYTES, VIEWED_SEATS, Hello, MalformedError, decode, encode, padded
+from cogrip.protocol.wire.session import ClientSession, foreign_version, make_hello, nonce_of
 
 from tests.protocol.valid_values import valid
 
@@ -108,6 +109,7 @@ LARGEST: dict[str, messages.AnyMessage] = {
     "edges": messages.Edges(BIG, STAMP, HANDLE),
     "redirect": messages.Redirect(MOST, BIG, "p" * 60, ("f" * 60,) * messages.MOST_FRONTS),
     "restart": messages.Restart(BIG, messages.MOST_WAIT_MS),
+    "note": messages.Note(BIG, messages.MOST_NOTES, messages.MOST_NOTES - 1, "n" * TEXT_BYTES),
 }
 
 short_texts = st.text(max_size=40)
@@ -247,7 +249,7 @@ def test_the_largest_legal_messages_are_read_and_fit_a_datagram_when_they_are_en
     assert largest == {
         "hello": 964, "welcome": 1022, "refuse": 485, "waves": 1187, "state": 303, "power": 468, "heartbeat": 39, "leave": 1193,
         "farewell": 767, "view": 1008, "person": 424, "bodies": 1193, "geom": 1158, "mark": 122, "set hand": 123,
-        "effects": 702, "edges": 161, "redirect": 579, "restart": 16,
+        "effects": 702, "edges": 161, "redirect": 579, "restart": 16, "note": 316,
     }  # fmt: skip
     proxied = msgspec.structs.replace(LARGEST["waves"], waves=(0.1,) * 72, state=(0.1,) * 18)
     assert len(encode(proxied)) == 1162, "of local contact with 6 axes, R = 12"

@@ -7,10 +7,11 @@ from typing import get_args
 import msgspec
 import pytest
 
-from cogrip.protocol.link_profile import LinkProfile
-from cogrip.protocol.network_profiles import PROFILES, ProfileName
-from cogrip.protocol.settings import SeatSettings, resolve, seat_settings
-from cogrip.protocol.settings_table import SettingsError
+from cogrip.protocol.settings.link_profile import LinkProfile
+from cogrip.protocol.settings.network_profiles import PROFILES, ProfileName
+from cogrip.protocol.settings.room import resolve, seat_settings
+from cogrip.protocol.settings.seat import SeatSettings
+from cogrip.protocol.settings.table import SettingsError
 
 from tests.protocol.spec_page import rows
 

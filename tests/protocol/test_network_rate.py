@@ -2,8 +2,8 @@
 
 import pytest
 
-from cogrip.protocol.line.delays import line_delay
-from cogrip.protocol.network_rate import (
+from cogrip.protocol.settings.delays import line_delay
+from cogrip.protocol.settings.network_rate import (
     HEAD_BYTES,
     LINK_SHARE,
     PERSON_S,
@@ -12,10 +12,11 @@ from cogrip.protocol.network_rate import (
     SERVER_SHARE,
     WORLD_S,
 )
-from cogrip.protocol.network_rate import best_rate as best
-from cogrip.protocol.rates import Rates
-from cogrip.protocol.settings import Playout, Settings, resolve
-from cogrip.protocol.settings_table import SettingsError
+from cogrip.protocol.settings.network_rate import best_rate as best
+from cogrip.protocol.settings.rates import Rates
+from cogrip.protocol.settings.room import resolve
+from cogrip.protocol.settings.sections import Playout, Settings
+from cogrip.protocol.settings.table import SettingsError
 
 
 def chosen(people: int = 1, **tables: object) -> Settings:

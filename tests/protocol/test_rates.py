@@ -5,7 +5,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from cogrip.protocol.rates import NS_PER_S, Rates, RatesError, due_ns
+from cogrip.protocol.settings.rates import NS_PER_S, Rates, RatesError, due_ns
 
 
 @given(st.integers(0, 2**62), st.integers(1, 20_000), st.integers(0, 10**12))

@@ -9,13 +9,13 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from cogrip.protocol.handle import Handle
-from cogrip.protocol.messages import Stamp, Waves, encode
-from cogrip.protocol.received_waves import ReceivedWaves
+from cogrip.protocol.line.received_waves import ReceivedWaves
+from cogrip.protocol.wire.handle import Handle
+from cogrip.protocol.wire.messages import Stamp, Waves, encode
 
 from tests.protocol.valid_values import valid
 
-spec = importlib.util.find_spec("cogrip.protocol.received_waves")
+spec = importlib.util.find_spec("cogrip.protocol.line.received_waves")
 COMPILED = spec is not None and str(spec.origin).endswith((".so", ".pyd"))
 compiled = pytest.mark.skipif(not COMPILED, reason="received_waves is not compiled (`python3 dev.py compile`)")
 theirs = msgspec.msgpack.Decoder(Waves).decode

@@ -5,11 +5,11 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from cogrip.protocol import messages
-from cogrip.protocol.messages import Heartbeat, Hello, Stamp, Welcome
 from cogrip.protocol.recording.secrets import without_secrets
-from cogrip.protocol.session import foreign_version, make_hello, nonce_of
-from cogrip.protocol.settings import resolve, seat_settings
+from cogrip.protocol.settings.room import resolve, seat_settings
+from cogrip.protocol.wire import messages
+from cogrip.protocol.wire.messages import Heartbeat, Hello, Stamp, Welcome
+from cogrip.protocol.wire.session import foreign_version, make_hello, nonce_of
 
 TOKEN, TICKET = "token-of-22-characters", "ticket-22-characters-x"
 HELLO = msgspec.structs.replace(

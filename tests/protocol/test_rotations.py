@@ -8,7 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
-from cogrip.protocol.rotations import UNTURNED, between, exp, inverse, log, product, turned
+from cogrip.protocol.laws.rotations import UNTURNED, between, exp, inverse, log, product, turned
 
 components = st.floats(-1.0, 1.0)
 unit = st.tuples(components, components, components).filter(lambda v: np.linalg.norm(v) > 1e-3)

@@ -5,11 +5,20 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from cogrip.protocol import messages, session
-from cogrip.protocol.accounts import LinkCount
-from cogrip.protocol.messages import HELLO_BYTES, MAGIC, PROTOCOL_VERSION, Farewell, Heartbeat, Refuse, Stamp, Welcome
-from cogrip.protocol.session import CLIENT, GIVE_UP_NS, HELLO_EVERY_NS, LEAVE_GIVE_UP_NS, LOST_NS, ClientSession
-from cogrip.protocol.settings_digest import digest
+from cogrip.protocol.settings.digest import digest
+from cogrip.protocol.wire import messages, session
+from cogrip.protocol.wire.accounts import LinkCount
+from cogrip.protocol.wire.messages import (
+    HELLO_BYTES,
+    MAGIC,
+    PROTOCOL_VERSION,
+    Farewell,
+    Heartbeat,
+    Refuse,
+    Stamp,
+    Welcome,
+)
+from cogrip.protocol.wire.session import CLIENT, GIVE_UP_NS, HELLO_EVERY_NS, LEAVE_GIVE_UP_NS, LOST_NS, ClientSession
 from cogrip.server.core import ServerCore
 from cogrip.server.inputs import Kick, Stop
 

@@ -3,9 +3,9 @@
 import msgspec
 import pytest
 
-from cogrip.protocol import messages, session
-from cogrip.protocol.messages import HELLO_BYTES, Leave, Stamp, View, Waves, Welcome
-from cogrip.protocol.session import HELLO_EVERY_NS, LOST_NS, QUIET_NS, ClientSession
+from cogrip.protocol.wire import messages, session
+from cogrip.protocol.wire.messages import HELLO_BYTES, Leave, Stamp, View, Waves, Welcome
+from cogrip.protocol.wire.session import HELLO_EVERY_NS, LOST_NS, QUIET_NS, ClientSession
 from cogrip.server.core import ServerCore
 from cogrip.server.inputs import Kick, Restart, Restore
 

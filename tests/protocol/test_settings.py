@@ -12,14 +12,16 @@ from hypothesis import given
 from hypothesis import strategies as st
 from msgspec import inspect
 
-from cogrip.protocol import settings as schema
-from cogrip.protocol.line.delays import line_delay
-from cogrip.protocol.link_profile import LinkProfile
-from cogrip.protocol.rates import Rates
-from cogrip.protocol.setting_types import MOST_RENDERED_NPM
-from cogrip.protocol.settings import Playout, SeatSettings, Settings, resolve, seat_settings
-from cogrip.protocol.settings_digest import digest
-from cogrip.protocol.settings_table import SettingsError, parse_override
+from cogrip.protocol.settings import room as schema
+from cogrip.protocol.settings.delays import line_delay
+from cogrip.protocol.settings.digest import digest
+from cogrip.protocol.settings.link_profile import LinkProfile
+from cogrip.protocol.settings.rates import Rates
+from cogrip.protocol.settings.room import resolve, seat_settings
+from cogrip.protocol.settings.seat import SeatSettings
+from cogrip.protocol.settings.sections import Playout, Settings
+from cogrip.protocol.settings.table import SettingsError, parse_override
+from cogrip.protocol.settings.types import MOST_RENDERED_NPM
 
 
 def refused(table: dict[str, Any], overrides: dict[str, Any] | None = None) -> str:

@@ -7,12 +7,12 @@ from typing import Any
 import msgspec
 import pytest
 
-from cogrip.protocol import messages
 from cogrip.protocol.io import dtls
-from cogrip.protocol.join_link import JoinLink, LinkError, parse_link
-from cogrip.server import seat_limits
+from cogrip.protocol.wire import messages
+from cogrip.protocol.wire.join_link import JoinLink, LinkError, parse_link
+from cogrip.server.ports import seat_limits
+from cogrip.server.ports.seat_limits import SeatLimits, WaveLimiter
 from cogrip.server.rate_limit import LIMITS, Budget
-from cogrip.server.seat_limits import SeatLimits, WaveLimiter
 
 from tests.protocol.spec_page import SECURITY, rows, section
 
@@ -39,10 +39,11 @@ def test_suites_are_those_of_the_page_and_of_the_wire() -> None:
 
 
 MODULES = (
-    "protocol.dtls_records", "protocol.line.receiver", "protocol.messages", "protocol.recording.reader", "protocol.settings",
+    "protocol.secure.dtls_records", "protocol.line.receiver", "protocol.wire.messages", "protocol.recording.reader",
+    "protocol.settings.room", "protocol.settings.sections",
     "server.io.control", "server.io.datagram_path", "server.io.dtls_channel", "server.io.dtls_peer",
-    "server.io.metrics_process", "server.io.trial",
-    "server.loop", "server.rate_limit", "server.room", "server.seat_limits", "server.tokens",
+    "server.io.metrics_process", "machine.trial",
+    "server.io.loop", "server.rate_limit", "server.room", "server.ports.seat_limits", "server.tokens",
     "server.worlds.scene_file", "server.worlds.scene_text", "server.worlds.world", "view.io.page_server", "view.io.peer_log",
 )  # fmt: skip
 

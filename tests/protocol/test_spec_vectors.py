@@ -14,16 +14,20 @@ import msgpack
 import msgspec
 import pytest
 
-from cogrip.protocol import accounts, effects, messages, session
-from cogrip.protocol.channel import PEER
-from cogrip.protocol.hand_settings import HandChange
 from cogrip.protocol.io.dtls_client import DtlsClient
 from cogrip.protocol.line.receiver import LineReceiver
 from cogrip.protocol.line.sender import LineSender
-from cogrip.protocol.link_profile import LinkProfile
-from cogrip.protocol.messages import MalformedError, decode, encode
-from cogrip.protocol.session import ClientSession
-from cogrip.protocol.settings import Coupling, Object, Playout, SeatSettings, resolve
+from cogrip.protocol.secure.channel import PEER
+from cogrip.protocol.settings import effects
+from cogrip.protocol.settings.coupling import Coupling
+from cogrip.protocol.settings.hand import HandChange
+from cogrip.protocol.settings.link_profile import LinkProfile
+from cogrip.protocol.settings.room import resolve
+from cogrip.protocol.settings.seat import SeatSettings
+from cogrip.protocol.settings.sections import Object, Playout
+from cogrip.protocol.wire import accounts, messages, session
+from cogrip.protocol.wire.messages import MalformedError, decode, encode
+from cogrip.protocol.wire.session import ClientSession
 from cogrip.server import unencrypted_channel
 from cogrip.server.admission import AdmissionServices
 from cogrip.server.core import ServerCore
@@ -73,7 +77,7 @@ def said(value: Any) -> Any:
 
 
 def test_every_message_has_a_vector() -> None:
-    assert sorted({msgpack.unpackb(datagram)[0] for datagram, _ in VECTORS.values()}) == list(range(1, 20))
+    assert sorted({msgpack.unpackb(datagram)[0] for datagram, _ in VECTORS.values()}) == list(range(1, 21))
 
 
 @pytest.mark.parametrize("name", VECTORS)
@@ -374,13 +378,14 @@ def test_refusal_codes_are_those_of_the_page(tmp_path: Path) -> None:
 
 
 PROTOCOL = (
-    "client.passivity_control", "protocol.clock", "protocol.effects", "protocol.handle", "protocol.line.concealment",
-    "protocol.line.jitter_buffer", "protocol.line.receiver", "protocol.line_tuning", "protocol.loop_meter", "protocol.messages",
-    "protocol.passivity_control", "protocol.session", "protocol.setting_types", "protocol.settings", "server.drawn_bodies",
-    "server.observers", "server.room", "server.seat_limits",
+    "client.coupling.passivity_control", "protocol.laws.passivity_control", "protocol.line.concealment",
+    "protocol.line.jitter_buffer", "protocol.line.loop_meter", "protocol.line.receiver", "protocol.settings.effects",
+    "protocol.settings.line_tuning", "protocol.settings.sections", "protocol.settings.types", "protocol.wire.clock",
+    "protocol.wire.handle", "protocol.wire.messages", "protocol.wire.session", "server.ports.seat_limits", "server.room",
+    "server.seats.drawn_bodies", "server.seats.observers",
 )  # fmt: skip
 DTLS = (
-    "client.path_migration", "protocol.dtls_records", "protocol.io.dtls_client", "server.io.dtls_channel",
+    "client.path_migration", "protocol.secure.dtls_records", "protocol.io.dtls_client", "server.io.dtls_channel",
     "server.io.dtls_peer", "server.rate_limit",
 )  # fmt: skip
 

@@ -7,8 +7,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from cogrip.protocol import waves
-from cogrip.protocol.waves import device_gain, server_gain, wave_of
+from cogrip.protocol.laws import waves
+from cogrip.protocol.laws.waves import device_gain, server_gain, wave_of
 
 impedances = st.floats(0.1, 1e3)
 velocities = st.floats(-10.0, 10.0)

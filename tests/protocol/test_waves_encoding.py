@@ -3,11 +3,11 @@
 from hypothesis import given
 from hypothesis import strategies as st
 
-from cogrip.protocol.clock import Clock
-from cogrip.protocol.handle import MOST_AGE, MOST_BUTTONS, MOST_EDGES, Handle
 from cogrip.protocol.line.sender import LineSender
-from cogrip.protocol.messages import Stamp, Waves, encode
-from cogrip.protocol.waves_encoding import encode_waves
+from cogrip.protocol.line.waves_encoding import encode_waves
+from cogrip.protocol.wire.clock import Clock
+from cogrip.protocol.wire.handle import MOST_AGE, MOST_BUTTONS, MOST_EDGES, Handle
+from cogrip.protocol.wire.messages import Stamp, Waves, encode
 
 NUMBERS = st.floats(-1e4, 1e4)
 EDGES = [1 << bits for bits in (5, 7, 8, 15, 16, 31, 32, 53)]  # where MessagePack takes another length

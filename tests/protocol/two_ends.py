@@ -4,10 +4,10 @@ from itertools import count
 
 import msgspec
 
-from cogrip.protocol import messages
-from cogrip.protocol.messages import Hello, Stamp, Waves
-from cogrip.protocol.session import ClientSession, make_hello
-from cogrip.protocol.settings import resolve
+from cogrip.protocol.settings.room import resolve
+from cogrip.protocol.wire import messages
+from cogrip.protocol.wire.messages import Hello, Stamp, Waves
+from cogrip.protocol.wire.session import ClientSession, make_hello
 from cogrip.server.admission import AdmissionServices
 from cogrip.server.core import ServerCore
 

@@ -10,7 +10,7 @@ import sys
 import tempfile
 from pathlib import Path
 
-from cogrip.protocol.settings import resolve
+from cogrip.protocol.settings.room import resolve
 from cogrip.results.laboratory_run import run_laboratory
 from cogrip.results.records import open_run
 from cogrip.results.replay.verify import verify

@@ -15,7 +15,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from matplotlib.colors import to_hex
 
-from cogrip.protocol.settings import resolve
+from cogrip.protocol.settings.room import resolve
 from cogrip.results.common_stretch import common_stretch_s, summary_of_first
 from cogrip.results.comparison import (
     MOST_RUNS,

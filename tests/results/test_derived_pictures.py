@@ -11,7 +11,6 @@ from hypothesis import given
 from hypothesis import strategies as st
 from mcap.reader import make_reader
 
-from cogrip.protocol.drawing import FORCE_M_PER_N, LEAST_DRAWN_N, anchors_m
 from cogrip.protocol.recording.derived import DERIVED, MOST_HZ, Pictures
 from cogrip.protocol.recording.folder import RECOVERED
 from cogrip.protocol.recording.header import Header, versions_here
@@ -19,7 +18,9 @@ from cogrip.protocol.recording.reader import open_recording
 from cogrip.protocol.recording.records import SeatStep, Step, kind_of
 from cogrip.protocol.recording.recover import recover
 from cogrip.protocol.recording.scene_messages import turned_to
-from cogrip.protocol.settings import Settings, resolve
+from cogrip.protocol.session_drawing import FORCE_M_PER_N, LEAST_DRAWN_N, anchors_m
+from cogrip.protocol.settings.room import resolve
+from cogrip.protocol.settings.sections import Settings
 from cogrip.results.export import export
 from cogrip.results.laboratory_run import run_laboratory
 from cogrip.results.records import open_run

@@ -33,7 +33,7 @@ from cogrip.protocol.recording.records import (
 )
 from cogrip.protocol.recording.schema import DESCRIPTIONS, unit_of
 from cogrip.protocol.recording.sink import encode
-from cogrip.protocol.settings import resolve
+from cogrip.protocol.settings.room import resolve
 from cogrip.results import export as export_module
 from cogrip.results.columns import layout_of
 from cogrip.results.export import ExportError, Format, export

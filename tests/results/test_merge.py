@@ -18,7 +18,7 @@ from cogrip.protocol.recording.reader import Message, RecordingError, open_recor
 from cogrip.protocol.recording.records import Clock, kind_of
 from cogrip.protocol.recording.recover import recover
 from cogrip.protocol.recording.sink import encode
-from cogrip.protocol.settings import resolve
+from cogrip.protocol.settings.room import resolve
 from cogrip.results.laboratory_run import run_laboratory
 from cogrip.results.merge import merge
 from cogrip.results.records import End, open_run

@@ -30,7 +30,7 @@ from cogrip.experiments.sweep.grid import Grid, parse_axis
 from cogrip.experiments.sweep.measures import LIFTED
 from cogrip.experiments.sweep.picture import draw_measure
 from cogrip.protocol.recording.header import versions_here
-from cogrip.protocol.settings import resolve
+from cogrip.protocol.settings.room import resolve
 from cogrip.protocol.version import VERSION
 from cogrip.results.laboratory_run import run_laboratory
 from cogrip.results.plots import style

@@ -11,7 +11,7 @@ from mcap.reader import make_reader
 from cogrip.protocol.recording.derived import DERIVED
 from cogrip.protocol.recording.reader import open_recording
 from cogrip.protocol.recording.records import kind_of
-from cogrip.protocol.settings import resolve
+from cogrip.protocol.settings.room import resolve
 from cogrip.results.laboratory_run import run_laboratory
 from cogrip.results.replay.comparison import Comparison
 from cogrip.results.replay.verify import verify

@@ -11,7 +11,7 @@ import pytest
 from cogrip.protocol.recording.reader import Message
 from cogrip.protocol.recording.records import Tick
 from cogrip.protocol.recording.sink import encode
-from cogrip.protocol.settings import resolve
+from cogrip.protocol.settings.room import resolve
 from cogrip.results.folder import SERVER_RECORDING, client_recording
 from cogrip.results.laboratory_run import run_laboratory
 from cogrip.results.plots import registry

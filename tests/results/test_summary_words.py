@@ -10,8 +10,8 @@ import msgspec
 import pytest
 
 from cogrip.machine.tick_count import Percentiles, TickCount
-from cogrip.protocol.accounts import ClientAccount, DeviceAccount, LinkCount, SeatAccount
-from cogrip.protocol.settings import resolve, seat_settings
+from cogrip.protocol.settings.room import resolve, seat_settings
+from cogrip.protocol.wire.accounts import ClientAccount, DeviceAccount, LinkCount, SeatAccount
 from cogrip.results.folder import summary_text
 from cogrip.results.laboratory_run import run_laboratory
 from cogrip.results.listing import list_runs
@@ -21,7 +21,7 @@ from cogrip.results.summary_values import energy, number, share
 from cogrip.results.traces import load_run
 from cogrip.results.verdict import judgements, succeeded
 from cogrip.results.verdict_text import MANY_LATE, verdict
-from cogrip.server.participants import MOST_EARLIER, Seat, SeatSession
+from cogrip.server.seats.participants import MOST_EARLIER, Seat, SeatSession
 from cogrip.sim.laboratory import Laboratory
 
 from tests.results.reported_runs import printed

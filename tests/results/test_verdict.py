@@ -9,8 +9,8 @@ import pytest
 from msgspec.structs import replace
 
 from cogrip.cli.settings.settings_file import load
-from cogrip.protocol.accounts import DeviceAccount, LinkCount, PlayoutAccount, SeatAccount
-from cogrip.protocol.settings import resolve
+from cogrip.protocol.settings.room import resolve
+from cogrip.protocol.wire.accounts import DeviceAccount, LinkCount, PlayoutAccount, SeatAccount
 from cogrip.results import felt_as_intended as judgement
 from cogrip.results.folder import summary_text
 from cogrip.results.laboratory_run import run_laboratory

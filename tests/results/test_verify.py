@@ -10,10 +10,11 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from cogrip.cli.settings.settings_file import load
-from cogrip.protocol.coupling_kinds import COUPLING_KINDS
 from cogrip.protocol.recording.reader import Damage, Message, RecordingError, open_recording
 from cogrip.protocol.recording.records import KINDS, kind_of
-from cogrip.protocol.settings import Settings, rates_of, resolve
+from cogrip.protocol.settings.coupling_kinds import COUPLING_KINDS
+from cogrip.protocol.settings.room import rates_of, resolve
+from cogrip.protocol.settings.sections import Settings
 from cogrip.results.folder import client_recording
 from cogrip.results.laboratory_run import run_laboratory
 from cogrip.results.replay.comparison import NOTHING

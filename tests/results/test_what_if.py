@@ -15,10 +15,11 @@ from cogrip.cli.settings.settings_file import load
 from cogrip.client.recorder import start_of, start_text
 from cogrip.devices.device import Capability
 from cogrip.devices.for_user import make_for
-from cogrip.protocol.messages import Hello
 from cogrip.protocol.recording.reader import Message, RecordingError, open_recording
-from cogrip.protocol.settings import Settings, User, resolve
-from cogrip.protocol.settings_table import SettingsError
+from cogrip.protocol.settings.room import resolve
+from cogrip.protocol.settings.sections import Settings, User
+from cogrip.protocol.settings.table import SettingsError
+from cogrip.protocol.wire.messages import Hello
 from cogrip.results.comparison import settings_differences
 from cogrip.results.laboratory_run import run_laboratory
 from cogrip.results.records import RunRecords, open_run

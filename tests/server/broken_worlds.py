@@ -6,8 +6,9 @@ from typing import Any, ClassVar
 
 import numpy as np
 
-from cogrip.protocol.rotations import exp, log, product
-from cogrip.protocol.settings import SeatSettings, resolve, seat_settings
+from cogrip.protocol.laws.rotations import exp, log, product
+from cogrip.protocol.settings.room import resolve, seat_settings
+from cogrip.protocol.settings.seat import SeatSettings
 from cogrip.server.worlds.tool_world import ToolWorld
 from cogrip.server.worlds.world import Array, Row
 

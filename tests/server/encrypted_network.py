@@ -8,9 +8,9 @@ from heapq import heappop, heappush
 from itertools import count
 from pathlib import Path
 
-from cogrip.protocol.channel import PEER, Address
 from cogrip.protocol.io.dtls import is_client_hello
 from cogrip.protocol.io.dtls_client import DtlsClient
+from cogrip.protocol.secure.channel import PEER, Address
 from cogrip.server.io.dtls_channel import DtlsListener
 from cogrip.server.rate_limit import Budget, Limits, RateLimiter
 

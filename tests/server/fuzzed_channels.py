@@ -10,10 +10,10 @@ from pathlib import Path
 
 from OpenSSL.SSL import _lib  # type: ignore[attr-defined]
 
-from cogrip.protocol import messages
-from cogrip.protocol.channel import PEER, Address
-from cogrip.protocol.messages import MAX_DATAGRAM_BYTES, Hello, Stamp, Waves
-from cogrip.protocol.session import foreign_version, make_hello
+from cogrip.protocol.secure.channel import PEER, Address
+from cogrip.protocol.wire import messages
+from cogrip.protocol.wire.messages import MAX_DATAGRAM_BYTES, Hello, Stamp, Waves
+from cogrip.protocol.wire.session import foreign_version, make_hello
 from cogrip.server.io.dtls_channel import MOST_UNSEATED
 from cogrip.server.rate_limit import LIMITS, RateLimiter
 from cogrip.server.unencrypted_channel import UnencryptedListener, looks_like_hello

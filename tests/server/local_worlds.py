@@ -5,7 +5,7 @@ from math import inf
 
 import numpy as np
 
-from cogrip.protocol.settings import resolve, seat_settings
+from cogrip.protocol.settings.room import resolve, seat_settings
 from cogrip.server.worlds.local_scene import LocalScene
 from cogrip.server.worlds.scene_file import held_by, load_scene, make_scene
 from cogrip.server.worlds.scene_springs import springs_j

@@ -4,7 +4,8 @@ from typing import Any
 
 import numpy as np
 
-from cogrip.protocol.settings import SeatSettings, resolve, seat_settings
+from cogrip.protocol.settings.room import resolve, seat_settings
+from cogrip.protocol.settings.seat import SeatSettings
 from cogrip.server.worlds.grip import GripWorld
 from cogrip.server.worlds.push import PushWorld
 from cogrip.server.worlds.world import World

@@ -9,12 +9,13 @@ from itertools import count
 import msgspec
 
 from cogrip.machine.tick_count import TickCount
-from cogrip.protocol import messages
 from cogrip.protocol.line.sender import LineSender
-from cogrip.protocol.messages import Hello, Leave, Stamp, Welcome
 from cogrip.protocol.recording.records import Input
-from cogrip.protocol.session import LOST_NS, make_hello
-from cogrip.protocol.settings import Settings, resolve
+from cogrip.protocol.settings.room import resolve
+from cogrip.protocol.settings.sections import Settings
+from cogrip.protocol.wire import messages
+from cogrip.protocol.wire.messages import Hello, Leave, Stamp, Welcome
+from cogrip.protocol.wire.session import LOST_NS, make_hello
 from cogrip.server.admission import AdmissionServices, Denied, Grant
 from cogrip.server.inputs import CloseLedger, Idle, Kick, Revoke, ServerInput, Stop, UnbindAddress, decode
 from cogrip.server.recorder import INPUT, KINDS, RecordedServer

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cogrip.cli.settings.settings_file import load
-from cogrip.protocol.settings import resolve, seat_settings
+from cogrip.protocol.settings.room import resolve, seat_settings
 from cogrip.server.schemes import make_scene_world
 from cogrip.server.worlds.scene import SceneWorld
 from cogrip.server.worlds.scene_file import held_by, load_scene, make_scene

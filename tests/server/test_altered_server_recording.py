@@ -13,10 +13,10 @@ from hypothesis import assume, given
 from hypothesis import strategies as st
 
 from cogrip.machine.tick_count import TickCount
-from cogrip.protocol import messages
-from cogrip.protocol.messages import Waves
 from cogrip.protocol.recording.records import Answer, Datagram, Input, Step
 from cogrip.protocol.recording.sink import encode
+from cogrip.protocol.wire import messages
+from cogrip.protocol.wire.messages import Waves
 from cogrip.server.inputs import Stop
 from cogrip.server.recorder import ANSWER, DATAGRAM_IN, DATAGRAM_OUT, EVENT, INPUT
 

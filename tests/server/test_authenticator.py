@@ -7,7 +7,7 @@ from typing import Any
 
 import pytest
 
-from cogrip.protocol.messages import MAGIC, PROTOCOL_VERSION, Hello
+from cogrip.protocol.wire.messages import MAGIC, PROTOCOL_VERSION, Hello
 from cogrip.server import tokens
 from cogrip.server.admission import Authenticator, Denied, Grant
 from cogrip.server.events import EVENTS, ServerEvent

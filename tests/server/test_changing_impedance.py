@@ -6,14 +6,14 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from msgspec import structs
 
-from cogrip.protocol.clock import Clock
-from cogrip.protocol.line_tuning import LEAST_NSPM, MOST_NSPM
-from cogrip.protocol.messages import Stamp, Waves, decode, encode
-from cogrip.protocol.settings import resolve, seat_settings
-from cogrip.protocol.waves import wave_of
+from cogrip.protocol.laws.waves import wave_of
+from cogrip.protocol.settings.line_tuning import LEAST_NSPM, MOST_NSPM
+from cogrip.protocol.settings.room import resolve, seat_settings
+from cogrip.protocol.wire.clock import Clock
+from cogrip.protocol.wire.messages import Stamp, Waves, decode, encode
+from cogrip.server.ports.seat_limits import SeatLimits
+from cogrip.server.ports.wave_port import WavePort
 from cogrip.server.schemes import make_world
-from cogrip.server.seat_limits import SeatLimits
-from cogrip.server.wave_port import WavePort
 from cogrip.server.worlds.world import World
 from cogrip.sim.laboratory import Laboratory
 

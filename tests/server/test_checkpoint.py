@@ -3,7 +3,7 @@
 import msgspec
 import pytest
 
-from cogrip.protocol.settings import Settings
+from cogrip.protocol.settings.sections import Settings
 from cogrip.server.checkpoint import CheckpointError, decode, encode
 from cogrip.server.inputs import Restore
 

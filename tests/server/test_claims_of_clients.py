@@ -1,13 +1,13 @@
 """A client's own word decides nothing at the server: what it measured stays, and what is old moves nobody."""
 
 from cogrip.machine.tick_count import Percentiles, TickCount
-from cogrip.protocol.accounts import ClientAccount, LinkCount, SeatAccount
-from cogrip.protocol.messages import Stamp, State, Waves
-from cogrip.protocol.settings import resolve, seat_settings
-from cogrip.server.participants import MOST_EARLIER, Seat
-from cogrip.server.seat_limits import SeatLimits
-from cogrip.server.state_port import StatePort
-from cogrip.server.wave_port import WavePort
+from cogrip.protocol.settings.room import resolve, seat_settings
+from cogrip.protocol.wire.accounts import ClientAccount, LinkCount, SeatAccount
+from cogrip.protocol.wire.messages import Stamp, State, Waves
+from cogrip.server.ports.seat_limits import SeatLimits
+from cogrip.server.ports.state_port import StatePort
+from cogrip.server.ports.wave_port import WavePort
+from cogrip.server.seats.participants import MOST_EARLIER, Seat
 
 from tests.server.test_resumption import Guarded
 from tests.server.test_server_core import room, waves

@@ -2,7 +2,17 @@
 
 import pytest
 
-from cogrip.server.io.cluster.directory import GAP_S, LOST_S, RETRY_S, SETTLE_S, START_S, Directory, Host, Report, Start
+from cogrip.server.hosting.cluster.directory import (
+    GAP_S,
+    LOST_S,
+    RETRY_S,
+    SETTLE_S,
+    START_S,
+    Directory,
+    Host,
+    Report,
+    Start,
+)
 
 HOSTS = [Host("aaaa1111", "10.0.0.1", 4.0), Host("bbbb2222", "10.0.0.2", 4.0)]
 EVERY_S = 0.25

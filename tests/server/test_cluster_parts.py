@@ -8,13 +8,13 @@ import pytest
 
 from cogrip.server.checkpoint import RoomCheckpoint, encode
 from cogrip.server.events import ServerEvent
-from cogrip.server.io.cluster.announcement import AnnouncementFile
-from cogrip.server.io.cluster.connection import found_homes
-from cogrip.server.io.cluster.directory import Home
-from cogrip.server.io.cluster.guard import Guard
-from cogrip.server.io.cluster.lines import GatheredLines, Lines
-from cogrip.server.io.cluster.replicas import KEPT_S, LATEST_S, NOTHING, Kept, Replicas, gather, newest, next_host
-from cogrip.server.io.cluster.room_checkpoints import newest as newest_checkpoint
+from cogrip.server.hosting.cluster.announcement import AnnouncementFile
+from cogrip.server.hosting.cluster.connection import found_homes
+from cogrip.server.hosting.cluster.directory import Home
+from cogrip.server.hosting.cluster.guard import Guard
+from cogrip.server.hosting.cluster.lines import GatheredLines, Lines
+from cogrip.server.hosting.cluster.replicas import KEPT_S, LATEST_S, NOTHING, Kept, Replicas, gather, newest, next_host
+from cogrip.server.hosting.cluster.room_checkpoints import newest as newest_checkpoint
 from cogrip.server.io.state_folder import StateFolder, make_folder
 from cogrip.server.io.udp_port import PortRange, ServeError, UdpPort
 

@@ -11,15 +11,15 @@ from hypothesis import strategies as st
 from cogrip.machine.pacing import Pacer
 from cogrip.machine.stop import Stop
 from cogrip.protocol.recording.records import Input
-from cogrip.protocol.session import LOST_NS
+from cogrip.protocol.wire.session import LOST_NS
 from cogrip.server import inputs
 from cogrip.server.checkpoint import decode
 from cogrip.server.io import checkpoint_file
 from cogrip.server.io.control import Mark
 from cogrip.server.io.housekeeping import EVERY_NS, POLL_EVERY_NS, Housekeeping
+from cogrip.server.io.loop import LiveServer
 from cogrip.server.io.paced_room import PacedRoom, deserted_among
 from cogrip.server.io.state_folder import make_folder
-from cogrip.server.loop import LiveServer
 from cogrip.server.rate_limit import RateLimiter
 from cogrip.server.recorder import INPUT
 from cogrip.server.snapshot import SnapshotMaker

@@ -10,9 +10,18 @@ from numpy.typing import NDArray
 
 from cogrip.client.observed_scene import ObservedScene
 from cogrip.protocol.drawing import Shape
-from cogrip.protocol.messages import MAX_MESSAGE_BYTES, MOST_POSES, Bodies, Geom, decode, encode
-from cogrip.server.drawn_bodies import BODIES_AT_REST, MOVED_DEG, MOVED_M, SHAPES_A_VIEW, VIEWS_A_TURN, DrawnBodies
-from cogrip.server.observers import VIEWS_HZ
+from cogrip.protocol.wire.messages import MAX_MESSAGE_BYTES, MOST_NOTES, MOST_POSES, Bodies, Geom, Note, decode, encode
+from cogrip.server.seats.drawn_bodies import (
+    BODIES_AT_REST,
+    MOVED_DEG,
+    MOVED_M,
+    NOTE_EVERY,
+    SHAPES_A_VIEW,
+    VIEWS_A_TURN,
+    DrawnBodies,
+)
+from cogrip.server.seats.observers import VIEWS_HZ
+from cogrip.server.worlds.drawing import Drawing
 from cogrip.server.worlds.scene import SceneWorld
 
 from tests.server.scene_worlds import hold, world_of
@@ -60,7 +69,7 @@ def test_shapes_with_poses_are_where_the_model_has_its_geoms() -> None:
     random = np.random.default_rng(1)
     for _ in range(40):
         world.step(random.uniform(-0.5, 0.5, (1, 3)))
-    shapes, poses = world.geoms(), world.poses_of_bodies()
+    shapes, poses = world.drawing.shapes(), world.drawing.poses()
     seen = [geom for geom in range(model.ngeom) if model.geom_group[geom] < 3 and model.geom_rgba[geom][3] > 0.0]
     assert [shape.kind for shape in shapes] == ["plane", "box", "capsule", "cylinder", "ellipsoid", "sphere", "sphere"]
     assert len(poses) == 3
@@ -83,8 +92,9 @@ class Placed:
 
     def __init__(self, bodies: int) -> None:
         self.poses = np.tile([0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0], (bodies, 1))
-        self.geoms = lambda: [Shape("sphere", (0.01, 0.0, 0.0), body) for body in range(bodies)]
-        self.poses_of_bodies = lambda: self.poses
+        self.drawing = Drawing()
+        self.drawing.shapes = lambda: [Shape("sphere", (0.01, 0.0, 0.0), body) for body in range(bodies)]  # type: ignore[method-assign]
+        self.drawing.poses = lambda: self.poses  # type: ignore[method-assign]
 
 
 def test_an_object_alone_has_neither_shapes_nor_messages() -> None:
@@ -153,11 +163,32 @@ def test_an_observer_who_loses_a_third_knows_all_within_three_seconds(scene: str
         for message in drawn.messages(2 * views, world):
             if random.random() >= 0.3:
                 received = decode(encode(message))
-                assert isinstance(received, Geom | Bodies)
+                assert isinstance(received, Geom | Bodies | Note)
                 assert observed.receive(received) == ""
-    assert observed.shapes == tuple(world.geoms())
-    assert np.array(observed.poses()) == pytest.approx(world.poses_of_bodies(), abs=1e-6)
+    assert observed.shapes == tuple(world.drawing.shapes())
+    assert np.array(observed.poses()) == pytest.approx(world.drawing.poses(), abs=1e-6)
     assert len(told(drawn, world)[1]) == min(SHAPES_A_VIEW, -(-len(observed.shapes) // VIEWS_A_TURN))
+
+
+def test_observers_are_told_each_note_again_and_again_cut_to_a_message_and_keep_those_of_one_session() -> None:
+    world, drawn, observed = Placed(0), DrawnBodies(), ObservedScene()
+    notes = [f"note {number}" for number in range(MOST_NOTES + 1)]
+    notes[1] = "x\n" * 400
+    world.drawing.notes = lambda: notes
+    told = [message for _ in range(2 * MOST_NOTES * NOTE_EVERY) for message in drawn.messages(2, world)]  # type: ignore[arg-type]
+    assert len(told) == 2 * MOST_NOTES
+    for message in told:
+        assert observed.receive(decode(encode(message))) == ""  # type: ignore[arg-type]
+    assert len(observed.notes) == MOST_NOTES
+    assert [observed.notes[number] for number in (0, 2, MOST_NOTES - 1)] == [
+        "note 0",
+        "note 2",
+        f"note {MOST_NOTES - 1}",
+    ]
+    assert observed.notes[1] == "x\\n" * 100
+    assert observed.receive(Note(1, 2, 2, "x")) == "unfit"
+    assert observed.receive(Note(2, 1, 0, "another")) == ""
+    assert observed.notes == ("another",)
 
 
 def test_messages_about_other_scenes_and_late_ones_are_dropped() -> None:

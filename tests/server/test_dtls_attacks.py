@@ -9,7 +9,7 @@ from pathlib import Path
 import pytest
 from OpenSSL.SSL import _lib  # type: ignore[attr-defined]
 
-from cogrip.protocol.channel import PEER, Address
+from cogrip.protocol.secure.channel import PEER, Address
 from cogrip.server.io import dtls_channel as sealed_channel
 from cogrip.server.io.dtls_channel import HELLO_WAITS_NS, MOST_REPEATS, MOST_SHAKING, MOST_UNSEATED, WAITS_NS
 

@@ -5,13 +5,13 @@ from pathlib import Path
 
 import pytest
 
-from cogrip.protocol import messages
-from cogrip.protocol.channel import PEER
 from cogrip.protocol.io import dtls_client as sealed_call
 from cogrip.protocol.io.dtls import NOT_TRUSTED
 from cogrip.protocol.io.dtls_client import NO_ANSWER_CURE, DtlsClient
-from cogrip.protocol.messages import MAX_DATAGRAM_BYTES, MAX_MESSAGE_BYTES, Refuse
-from cogrip.protocol.session import make_hello
+from cogrip.protocol.secure.channel import PEER
+from cogrip.protocol.wire import messages
+from cogrip.protocol.wire.messages import MAX_DATAGRAM_BYTES, MAX_MESSAGE_BYTES, Refuse
+from cogrip.protocol.wire.session import make_hello
 from cogrip.server.io.dtls_channel import HELLO_WAITS_NS, MOST_ASKED, MOST_LEFT, REPORTED, WAITS_NS
 from cogrip.server.io.dtls_peer import COOKIE_NS
 from cogrip.server.rate_limit import LIMITS, Budget

@@ -7,9 +7,9 @@ from pathlib import Path
 import pytest
 from OpenSSL.SSL import _lib  # type: ignore[attr-defined]
 
-from cogrip.protocol.channel import PEER
 from cogrip.protocol.io.dtls import Association, client_context, is_client_hello
 from cogrip.protocol.io.dtls_session import DtlsSession
+from cogrip.protocol.secure.channel import PEER
 from cogrip.server.io.dtls_channel import WAITS_NS
 
 from tests.dtls_peer.records import CLIENT_HELLO, HANDSHAKE, Record, whole

@@ -8,7 +8,7 @@ from cogrip.machine.stop import Stop
 from cogrip.server.admission import AdmissionServices
 from cogrip.server.core import ServerCore
 from cogrip.server.events import EVENTS, UNAUTHENTICATED_EVENTS, ServerEvent
-from cogrip.server.loop import REPORTED, LiveServer
+from cogrip.server.io.loop import REPORTED, LiveServer
 from cogrip.server.rate_limit import RateLimiter
 from cogrip.server.unencrypted_channel import UnencryptedListener
 

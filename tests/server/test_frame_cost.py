@@ -9,8 +9,9 @@ import pytest
 from cogrip.cli.session.network_rate import RateChoices, stated
 from cogrip.cli.settings.settings_file import load
 from cogrip.cli.settings.shipped_settings import shipped_scene
-from cogrip.protocol.network_rate import OUTSIDE_S, PERSON_S, RATES_HZ, SERVER_SHARE, RateChoice
-from cogrip.protocol.settings import Settings, best_network_hz, for_remote_clients, resolve
+from cogrip.protocol.settings.network_rate import OUTSIDE_S, PERSON_S, RATES_HZ, SERVER_SHARE, RateChoice
+from cogrip.protocol.settings.room import best_network_hz, for_remote_clients, resolve
+from cogrip.protocol.settings.sections import Settings
 from cogrip.server import frame_cost as module
 from cogrip.server.checkpoint import encode
 from cogrip.server.frame_cost import PAUSE_NS, SPENT_NS, WARM, frame_cost

@@ -9,7 +9,8 @@ import numpy as np
 import pytest
 
 from cogrip.protocol.drawing import Shape
-from cogrip.protocol.effects import MOST_EFFECTS, Effect
+from cogrip.protocol.settings.effects import MOST_EFFECTS, Effect
+from cogrip.protocol.texts import TEXT_BYTES
 from cogrip.server.io import call_limit
 from cogrip.server.worlds.energy_limiter import START_J
 from cogrip.server.worlds.grip import GripWorld
@@ -116,6 +117,12 @@ def test_a_world_that_cannot_be_made_says_why(world: type[ToolWorld], words: str
     with pytest.raises(WorldError, match=words) as caught:
         guarded(world)
     assert str(caught.value).startswith(KIND)
+
+
+def test_what_a_world_says_it_does_not_draw_is_told_to_who_looks_at_it() -> None:
+    world = guarded(type("Dim", (Springs,), {"not_drawn": lambda self: ["the strings", "x" * 500]}))
+    assert world.drawing.left_out() == ("the strings", "x" * TEXT_BYTES)
+    assert world.drawing.notes()[0].startswith("not drawn of the scene: the strings, xxx")
 
 
 # Energy ----------------------------------------------------------------------------------------------------------------
@@ -287,7 +294,7 @@ def test_a_sound_world_is_never_limited_and_passes_unchanged(world: type[Springs
         assert [room.proxy_of(user) for user in (0, 1)] == [alone.proxy_of(user) for user in (0, 1)]
     assert room.motion() == alone.motion()
     assert room.port_work_j() == pytest.approx(alone.port_work_j(), abs=1e-15)
-    assert room.limiter_account()["limited_frames"] == 0
+    assert room.accounts.limiter()["limited_frames"] == 0
 
 
 # Saving ----------------------------------------------------------------------------------------------------------------

@@ -5,16 +5,16 @@ from pathlib import Path
 import pytest
 
 from cogrip.machine.stop import Stop
-from cogrip.protocol.hand_settings import parsed
-from cogrip.protocol.settings import resolve
+from cogrip.protocol.settings.hand import parsed
+from cogrip.protocol.settings.room import resolve
 from cogrip.server.checkpoint import decode
 from cogrip.server.inputs import SetHand as HandSet
 from cogrip.server.io import checkpoint_file
 from cogrip.server.io.control import Request, SetHand
 from cogrip.server.io.hand_orders import HandOrders
 from cogrip.server.io.housekeeping import POLL_EVERY_NS, Housekeeping
+from cogrip.server.io.loop import LiveServer
 from cogrip.server.io.state_folder import make_folder
-from cogrip.server.loop import LiveServer
 from cogrip.server.rate_limit import RateLimiter
 from cogrip.server.unencrypted_channel import UnencryptedListener
 from cogrip.sim.laboratory import Laboratory

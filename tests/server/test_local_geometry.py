@@ -8,7 +8,8 @@ import pytest
 from cogrip.analysis.scene_advice import scene_findings
 from cogrip.cli.settings.settings_file import load
 from cogrip.cli.settings.shipped_settings import shipped_scene
-from cogrip.protocol.settings import Settings, resolve
+from cogrip.protocol.settings.room import resolve
+from cogrip.protocol.settings.sections import Settings
 from cogrip.server.worlds.local_geometry import MOST_LOCAL, LocalGeometry
 from cogrip.server.worlds.local_scene import LocalScene
 
@@ -104,7 +105,7 @@ SPRUNG = "<joint type='slide' axis='1 0 0' stiffness='9'/>" + SLIDES.partition("
 def test_a_tool_that_cannot_be_put_anywhere_is_always_held_by_its_line(text: str, words: str) -> None:
     world = led(text, (0.1, 0.0, 0.0), frames=200)
     assert words in world.geometry[0].why
-    assert world.local_shapes(0) == ()
+    assert world.drawing.local_shapes(0) == ()
     assert world.engaged_at(0) == pytest.approx((0.0, 0.0, 0.0)), "where it was taken"
 
 

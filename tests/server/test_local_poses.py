@@ -3,11 +3,11 @@
 import numpy as np
 import pytest
 
-from cogrip.protocol.clock import Clock
-from cogrip.protocol.messages import Stamp, Waves
-from cogrip.protocol.settings import resolve, seat_settings
-from cogrip.server.local_port import LocalPort
-from cogrip.server.seat_limits import SeatLimits
+from cogrip.protocol.settings.room import resolve, seat_settings
+from cogrip.protocol.wire.clock import Clock
+from cogrip.protocol.wire.messages import Stamp, Waves
+from cogrip.server.ports.local_port import LocalPort
+from cogrip.server.ports.seat_limits import SeatLimits
 from cogrip.server.worlds.local_scene import LocalScene
 from cogrip.server.worlds.scene_text import SceneError
 

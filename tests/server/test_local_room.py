@@ -7,13 +7,13 @@ import numpy as np
 import pytest
 
 from cogrip.cli.settings.shipped_settings import shipped_scene
-from cogrip.protocol import messages
 from cogrip.protocol.line.sender import LineSender
-from cogrip.protocol.messages import Geom, Stamp, Waves
-from cogrip.protocol.settings import SettingsError, resolve
-from cogrip.server.local_port import LocalPort
+from cogrip.protocol.settings.room import SettingsError, resolve
+from cogrip.protocol.wire import messages
+from cogrip.protocol.wire.messages import Geom, Stamp, Waves
+from cogrip.server.ports.local_port import LocalPort
+from cogrip.server.ports.seat_limits import FASTER, Record
 from cogrip.server.room import Room
-from cogrip.server.seat_limits import FASTER, Record
 from cogrip.server.worlds.local_scene import LocalScene
 
 T = 1 / 128

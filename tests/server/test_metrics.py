@@ -11,12 +11,12 @@ from prometheus_client.parser import text_string_to_metric_families
 
 from cogrip.machine.histogram import DurationHistogram
 from cogrip.machine.pacing import Pacer
-from cogrip.protocol.accounts import LinkCount
-from cogrip.protocol.messages import Stamp, Waves
-from cogrip.protocol.settings import resolve
+from cogrip.protocol.settings.room import resolve
+from cogrip.protocol.wire.accounts import LinkCount
+from cogrip.protocol.wire.messages import Stamp, Waves
 from cogrip.server.io.metrics_families import families
+from cogrip.server.ports.seat_limits import Record
 from cogrip.server.room import Room
-from cogrip.server.seat_limits import Record
 from cogrip.server.snapshot import (
     FRESH_NS,
     REFRESHED_ROOMS,
@@ -91,7 +91,7 @@ def test_a_snapshot_says_what_the_room_knows():
     assert (anna.frames.sent, anna.frames.applied, anna.frames.duplicate) == (20, 20, 1)
     assert anna.rtt_s == pytest.approx(0.041)
     assert (anna.up_delay_s, anna.down_delay_s, anna.clock_offset_s) == pytest.approx((0.02, 0.02, 3.99))
-    assert anna.rendered_npm == room.world.stiffness_of(0) > 0.0
+    assert anna.rendered_npm == room.world.accounts.stiffness(0) > 0.0
     assert (ben.up_delay_s, ben.down_delay_s, ben.clock_offset_s, ben.rendered_npm) == (None, None, None, None)
     assert anna.up_margin_j == seat.port.up_margin_j
     assert (anna.up_reserve_j, anna.line_reserve_j) == (seat.port.up_reserve.now_j, seat.line_reserve.now_j)

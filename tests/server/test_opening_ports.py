@@ -8,7 +8,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from msgspec.structs import replace
 
-from cogrip.protocol.settings import resolve, seat_settings
+from cogrip.protocol.settings.room import resolve, seat_settings
 from cogrip.server.worlds.scene import SceneWorld
 from cogrip.server.worlds.scene_text import SceneError
 

@@ -4,7 +4,7 @@ import pytest
 
 from cogrip.machine.compiled_files import form
 from cogrip.protocol.line.jitter_buffer import AdaptiveJitterBuffer, FixedJitterBuffer, JitterBuffer
-from cogrip.server.port import Port
+from cogrip.server.ports.port import Port
 from cogrip.server.schemes import SCHEMES
 
 from tests.interfaces import only_named

@@ -7,12 +7,12 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from cogrip.protocol.clock import Clock
-from cogrip.protocol.messages import Power, Stamp, decode
-from cogrip.protocol.passivity_control import CHARGE_DOWN_J, LENT_J
-from cogrip.protocol.settings import resolve, seat_settings
-from cogrip.server.power_port import PowerPort
-from cogrip.server.seat_limits import BURST_S, SeatLimits
+from cogrip.protocol.laws.passivity_control import CHARGE_DOWN_J, LENT_J
+from cogrip.protocol.settings.room import resolve, seat_settings
+from cogrip.protocol.wire.clock import Clock
+from cogrip.protocol.wire.messages import Power, Stamp, decode
+from cogrip.server.ports.power_port import PowerPort
+from cogrip.server.ports.seat_limits import BURST_S, SeatLimits
 from cogrip.server.worlds.power import PowerWorld
 
 T = 1 / 128

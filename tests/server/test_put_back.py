@@ -4,12 +4,12 @@ from math import isfinite
 
 import pytest
 
-from cogrip.protocol import messages
 from cogrip.protocol.line.sender import LineSender
-from cogrip.protocol.messages import Stamp, State, Waves
-from cogrip.protocol.settings import resolve
+from cogrip.protocol.settings.room import resolve
+from cogrip.protocol.wire import messages
+from cogrip.protocol.wire.messages import Stamp, State, Waves
+from cogrip.server.ports.seat_limits import Record
 from cogrip.server.room import Room
-from cogrip.server.seat_limits import Record
 from cogrip.server.worlds.world import REACH_M
 
 FRAME_NS = 7_812_500

@@ -9,9 +9,9 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from cogrip.protocol.coupling_kinds import COUPLING_KINDS
 from cogrip.protocol.recording.records import Datagram, Input
-from cogrip.protocol.session import LOST_NS
+from cogrip.protocol.settings.coupling_kinds import COUPLING_KINDS
+from cogrip.protocol.wire.session import LOST_NS
 from cogrip.server.admission import AdmissionServices
 from cogrip.server.checkpoint import CheckpointError
 from cogrip.server.inputs import CloseLedger, Idle, Restore, SocketFailed, Stop, decode

@@ -6,10 +6,10 @@ import msgspec
 import numpy as np
 import pytest
 
-from cogrip.protocol import messages
-from cogrip.protocol.messages import Farewell, Heartbeat, Hello, Leave, Person, Stamp, View, Welcome
-from cogrip.protocol.session import LOST_NS, QUIET_NS
-from cogrip.protocol.settings import Settings
+from cogrip.protocol.settings.sections import Settings
+from cogrip.protocol.wire import messages
+from cogrip.protocol.wire.messages import Farewell, Heartbeat, Hello, Leave, Person, Stamp, View, Welcome
+from cogrip.protocol.wire.session import LOST_NS, QUIET_NS
 from cogrip.server.admission import AdmissionServices, Denied, Grant
 from cogrip.server.checkpoint import decode, encode
 from cogrip.server.core import FAREWELL_EVERY_NS

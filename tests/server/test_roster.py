@@ -2,9 +2,9 @@
 
 import msgspec
 
-from cogrip.protocol import messages
-from cogrip.protocol.messages import Heartbeat, Leave, Stamp
-from cogrip.protocol.session import ClientSession
+from cogrip.protocol.wire import messages
+from cogrip.protocol.wire.messages import Heartbeat, Leave, Stamp
+from cogrip.protocol.wire.session import ClientSession
 from cogrip.server.inputs import UnbindAddress
 from cogrip.server.io.control import MOST_ANSWER_BYTES, Answer
 from cogrip.server.roster import MOST_LISTED, RosterEntry, roster_of

@@ -5,7 +5,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from cogrip.protocol.coupling_kinds import COUPLING_KINDS
+from cogrip.protocol.settings.coupling_kinds import COUPLING_KINDS
 from cogrip.server.schemes import make_world
 from cogrip.server.worlds.world import Row, World
 

@@ -32,15 +32,15 @@ def push(world: SceneWorld, force_n: tuple[float, float, float], seconds: float)
 @pytest.mark.parametrize("xml", [SMOOTH, ROUGH, PYRAMID], ids=["smooth", "rough", "pyramid"])
 def test_at_rest_the_normal_force_is_the_push_and_friction_what_holds(xml: str) -> None:
     world = hold(world_of(xml, ("tool",)))
-    assert world.contact_of(0) == Touch(0.0, 0.0, 0.0)
+    assert world.accounts.contact(0) == Touch(0.0, 0.0, 0.0)
     push(world, (3.0, 0.0, 0.0), 1.0)
-    assert world.contact_of(0).normal_n == pytest.approx(3.0, abs=1e-6)
+    assert world.accounts.contact(0).normal_n == pytest.approx(3.0, abs=1e-6)
     if xml is SMOOTH:
-        assert world.contact_of(0).friction_n == pytest.approx(0.0, abs=1e-9)
+        assert world.accounts.contact(0).friction_n == pytest.approx(0.0, abs=1e-9)
         return
     push(world, (3.0, 0.6, 0.8), 1.0)
-    assert world.contact_of(0).friction_n == pytest.approx(1.0, abs=1e-3), "less than 0.5 times 3 N: it is held"
-    assert world.contact_of(0).slip_m < (1e-4 if xml is ROUGH else 1e-2)
+    assert world.accounts.contact(0).friction_n == pytest.approx(1.0, abs=1e-3), "less than 0.5 times 3 N: it is held"
+    assert world.accounts.contact(0).slip_m < (1e-4 if xml is ROUGH else 1e-2)
 
 
 def test_slip_is_the_way_along_the_surface_and_begins_anew_with_each_contact() -> None:
@@ -51,14 +51,16 @@ def test_slip_is_the_way_along_the_surface_and_begins_anew_with_each_contact() -
     slid = world.proxy(0) - start
     assert slid[1] > 5e-3
     speed_mps = 1.0 / B  # against the port's damper alone
-    assert world.contact_of(0).slip_m == pytest.approx(np.hypot(slid[1], slid[2]), abs=(SLIP_EVERY + 1) * T * speed_mps)
-    peak = world.contact_of(0).slip_m
+    assert world.accounts.contact(0).slip_m == pytest.approx(
+        np.hypot(slid[1], slid[2]), abs=(SLIP_EVERY + 1) * T * speed_mps
+    )
+    peak = world.accounts.contact(0).slip_m
     push(world, (-3.0, 0.0, 0.0), 0.5)
-    assert world.contact_of(0) == Touch(0.0, 0.0, 0.0)
+    assert world.accounts.contact(0) == Touch(0.0, 0.0, 0.0)
     push(world, (3.0, 0.0, 0.0), 1.5)
-    assert world.contact_of(0).normal_n > 2.0
-    assert world.contact_of(0).slip_m < 1e-4
-    account = world.scene_account()
+    assert world.accounts.contact(0).normal_n > 2.0
+    assert world.accounts.contact(0).slip_m < 1e-4
+    account = world.accounts.scene()
     assert account["slip_m"] == account["tools"][0]["slip_m"] >= peak
     assert account["lifted_m"] is account["lifted_s"] is account["turned_deg"] is None, "there is no object"
 
@@ -67,7 +69,7 @@ def test_past_the_friction_that_the_normal_force_allows_it_slips() -> None:
     world = hold(world_of(ROUGH, ("tool",)))
     push(world, (3.0, 0.0, 0.0), 0.5)
     push(world, (3.0, 2.0, 0.0), 0.5)
-    normal_n, friction_n, slip_m = world.contact_of(0)
+    normal_n, friction_n, slip_m = world.accounts.contact(0)
     assert friction_n == pytest.approx(0.5 * normal_n, rel=1e-3)
     assert slip_m > 5e-3
 
@@ -80,21 +82,21 @@ def test_lift_and_turn_are_those_of_the_object() -> None:
         world.step(np.zeros((2, 3)))
         frames += 1
     assert frames > SLIP_EVERY
-    assert 0.0 < world.scene_account()["lifted_m"] < LIFTED_M
-    assert world.scene_account()["lifted_s"] == 0.0
+    assert 0.0 < world.accounts.scene()["lifted_m"] < LIFTED_M
+    assert world.accounts.scene()["lifted_s"] == 0.0
     world.position = np.array([0.0, 0.0, 2.0 * LIFTED_M])
     for _ in range(SLIP_EVERY):
         world.step(np.zeros((2, 3)))
-    assert world.scene_account()["lifted_s"] == SLIP_EVERY * T
-    assert world.scene_account()["turned_deg"] == pytest.approx(0.0, abs=1e-3)
+    assert world.accounts.scene()["lifted_s"] == SLIP_EVERY * T
+    assert world.accounts.scene()["turned_deg"] == pytest.approx(0.0, abs=1e-3)
     turn = np.radians(30.0)
     world.data.qpos[3:7] = [np.cos(turn / 2), 0.0, 0.0, np.sin(turn / 2)]
     world._refresh()
     for _ in range(SLIP_EVERY):
         world.step(np.zeros((2, 3)))
-    assert world.scene_account()["turned_deg"] == pytest.approx(30.0, abs=0.1)
+    assert world.accounts.scene()["turned_deg"] == pytest.approx(30.0, abs=0.1)
     assert world.orientation == pytest.approx([np.cos(turn / 2), 0.0, 0.0, np.sin(turn / 2)], abs=1e-3)
-    assert world.poses_of_bodies().shape == (3, 7)
+    assert world.drawing.poses().shape == (3, 7)
 
 
 def test_slip_while_lifted_counts_from_the_moment_of_the_lift() -> None:
@@ -111,11 +113,11 @@ def test_slip_while_lifted_counts_from_the_moment_of_the_lift() -> None:
 
     draw(1.5, 5.0, (0.0, 0.0))
     draw(1.5, 5.0, (0.05, 0.05))
-    held = world.scene_account()
+    held = world.accounts.scene()
     assert held["lifted_m"] > 0.03
     assert held["lifted_slip_m"] < 1e-4
     draw(1.0, 5.0, (-0.05, 0.15))
-    slid = world.scene_account()
+    slid = world.accounts.scene()
     assert slid["lifted_slip_m"] > 2e-3
     assert slid["lifted_slip_m"] <= slid["slip_m"]
 
@@ -131,4 +133,4 @@ def test_a_scene_with_sensors_of_its_own_or_with_none_is_measured_all_the_same(f
     xml = block("", flags=flag).replace("</mujoco>", f"{own}</mujoco>")
     world = hold(world_of(xml, ("tool",)))
     push(world, (3.0, 0.0, 0.0), 1.0)
-    assert world.contact_of(0).normal_n == pytest.approx(3.0, abs=1e-6)
+    assert world.accounts.contact(0).normal_n == pytest.approx(3.0, abs=1e-6)

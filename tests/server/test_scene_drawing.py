@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from cogrip.protocol.drawing import MOST_SHAPES, TILE, Shape
-from cogrip.protocol.messages import MAX_MESSAGE_BYTES, Geom, decode, encode
+from cogrip.protocol.wire.messages import MAX_MESSAGE_BYTES, Geom, decode, encode
 from cogrip.server.worlds.scene import SceneWorld
 from cogrip.server.worlds.scene_shapes import shapes_of
 from cogrip.server.worlds.scene_surfaces import MOST_SCENE_TRIANGLES
@@ -29,13 +29,13 @@ def of_kind(shapes: Sequence[Shape], kind: str) -> list[Shape]:
 
 def places(world: SceneWorld, shape: Shape) -> np.ndarray:
     """Return where the points of a shape are in the scene's own frame."""
-    found: np.ndarray = world.poses_of_bodies()[list(shape.bodies), :3] + world.object.start
+    found: np.ndarray = world.drawing.poses()[list(shape.bodies), :3] + world.object.start
     return found
 
 
 @pytest.mark.parametrize("name", SCENES)
 def test_every_shape_of_every_scene_fits_a_datagram_and_comes_back(tmp_path: Path, name: str) -> None:
-    shapes = world_named(tmp_path, name).geoms()
+    shapes = world_named(tmp_path, name).drawing.shapes()
     for number in range(len(shapes)):
         message = encode(Geom.of(shapes, number, 2**63 - 1))
         assert len(message) <= MAX_MESSAGE_BYTES
@@ -50,7 +50,7 @@ def test_points_of_a_flexible_body_are_its_vertices_as_it_moves(tmp_path: Path, 
     for _ in range(20):
         world.data.qvel[:] += 0.01 * np.random.default_rng(1).normal(size=world.scene.model.nv)
         world.step(np.zeros((1, 3)))
-    soft = [shape for shape in world.geoms() if shape.soft]
+    soft = [shape for shape in world.drawing.shapes() if shape.soft]
     first = min(number for shape in soft for number in shape.bodies)
     vertices = world.data.flexvert_xpos
     assert np.ptp(vertices - world_named(tmp_path, name).data.flexvert_xpos) > 1e-5, "it has moved"
@@ -63,7 +63,7 @@ def test_points_of_a_flexible_body_are_its_vertices_as_it_moves(tmp_path: Path, 
 
 def test_points_of_a_tendon_are_its_path_also_when_it_leaves_what_it_went_round(tmp_path: Path) -> None:
     world = world_named(tmp_path, "tendon")
-    (tendon,) = of_kind(world.geoms(), "tendon")
+    (tendon,) = of_kind(world.drawing.shapes(), "tendon")
     assert tendon.size_m[0] == 0.005
     assert len(tendon.bodies) == 4, "two sites, and two points on the post"
     counts = []
@@ -84,7 +84,7 @@ def test_points_of_a_tendon_are_its_path_also_when_it_leaves_what_it_went_round(
 def test_a_height_field_is_drawn_through_its_heights(tmp_path: Path) -> None:
     world = world_named(tmp_path, "height field")
     model = world.scene.model
-    (x_m, y_m, top_m, base_m), parts = model.hfield_size[0], of_kind(world.geoms(), "mesh")
+    (x_m, y_m, top_m, base_m), parts = model.hfield_size[0], of_kind(world.drawing.shapes(), "mesh")
     corners = np.array([np.array(part.place_m) + corner for part in parts for corner in part.corners_m()])
     corners += world.object.start
     heights = top_m * model.hfield_data.reshape(40, 40)
@@ -130,7 +130,7 @@ def test_a_checker_is_a_tile_of_its_colours_in_their_places(tmp_path: Path) -> N
         '<geom type="plane" size=".2 .1 .1" material="c"/><geom type="plane" size="0 0 .1" pos="0 0 -1" material="c"/>'
     )
     path.write_text(f"<mujoco><asset>{check}{material}</asset><worldbody>{floors}</worldbody></mujoco>")
-    floor, endless = of_kind(world_of(path, ("ball",)).geoms(), "plane")
+    floor, endless = of_kind(world_of(path, ("ball",)).drawing.shapes(), "plane")
     assert (floor.period_m, endless.period_m) == ((0.1, 0.1), (0.5, 1.0))
     cells = np.array(floor.triangle_colours()).reshape(TILE, TILE, 3)
     half = TILE // 2
@@ -148,7 +148,7 @@ def test_one_image_is_on_all_sides_of_a_cube(tmp_path: Path) -> None:
         material = '<material name="c" texture="c"/>'
         box = '<geom type="box" size=".1 .1 .1" material="c"/>'
         path.write_text(f"<mujoco><asset>{check.format(height)}{material}</asset><worldbody>{box}</worldbody></mujoco>")
-        parts = of_kind(world_of(path, ("ball",)).geoms(), "mesh")
+        parts = of_kind(world_of(path, ("ball",)).drawing.shapes(), "mesh")
         colours.append([rgb for part in parts for rgb in part.triangle_colours()])
     assert colours[0] == colours[1]
     assert {(1.0, 0.0, 0.0), (0.0, 0.0, 1.0)} <= set(colours[0])
@@ -160,16 +160,16 @@ def test_what_is_not_drawn_is_named(tmp_path: Path) -> None:
     shiny = '<material name="shiny" reflectance=".5"/>'
     world = '<light pos="0 0 1"/><geom type="box" size=".1 .1 .1" material="shiny"/><site group="4"/><site size=".01"/>'
     path.write_text(f"<mujoco><asset>{sky}{shiny}</asset><worldbody>{world}</worldbody></mujoco>")
-    told = world_of(path, ("ball",)).not_drawn()
+    told = world_of(path, ("ball",)).drawing.left_out()
     assert [words.split(" (")[0] for words in told[:3]] == ["lights", "the skybox", "reflections"]
     assert told[3].startswith("1 geoms and sites of the groups 3 to 5")
     assert len(told) == 4
     path.write_text(SCENES["box"])
-    assert world_of(path, ("ball",)).not_drawn() == ()
+    assert world_of(path, ("ball",)).drawing.left_out() == ()
 
 
 def test_a_geom_has_its_own_colour_before_that_of_its_material(tmp_path: Path) -> None:
-    boxes = of_kind(world_named(tmp_path, "material").geoms(), "box")
+    boxes = of_kind(world_named(tmp_path, "material").drawing.shapes(), "box")
     assert [box.rgba for box in boxes] == [pytest.approx((0.9, 0.1, 0.2, 1.0)), pytest.approx((0.1, 0.8, 0.3, 1.0))]
 
 

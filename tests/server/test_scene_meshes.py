@@ -14,8 +14,8 @@ from scipy.spatial.transform import Rotation
 
 from cogrip.analysis.scene_advice import scene_findings
 from cogrip.protocol.drawing import Shape
-from cogrip.protocol.messages import MAX_MESSAGE_BYTES, Geom, encode
-from cogrip.protocol.settings import resolve
+from cogrip.protocol.settings.room import resolve
+from cogrip.protocol.wire.messages import MAX_MESSAGE_BYTES, Geom, encode
 from cogrip.server.worlds.local_geometry import local_geometry
 from cogrip.server.worlds.scene_file import Held, load_scene
 from cogrip.server.worlds.scene_shapes import shapes_of
@@ -128,7 +128,7 @@ def test_a_mesh_of_too_many_triangles_is_drawn_by_its_share_of_them(tmp_path: Pa
     """Its form is kept: no corner leaves the mesh by more than a cell of the grid, and the volume stays."""
     (tmp_path / "brick.obj").write_bytes(ball(12_000, 0.05))
     world = world_of(scene_in(tmp_path), ("",))
-    shapes = [each for each in world.geoms() if each.object]
+    shapes = [each for each in world.drawing.shapes() if each.object]
     triangles = surface(shapes)
     assert 0.4 * MOST_SCENE_TRIANGLES < len(triangles) <= MOST_SCENE_TRIANGLES
     model = world.scene.model
@@ -140,8 +140,8 @@ def test_a_mesh_of_too_many_triangles_is_drawn_by_its_share_of_them(tmp_path: Pa
     turn = Rotation.from_quat(model.geom_quat[geom], scalar_first=True)
     nearest, _ = cKDTree(turn.apply(corners) + model.geom_pos[geom]).query(triangles.reshape(-1, 3))
     assert nearest.max() < 2e-3
-    for number in range(len(world.geoms())):
-        assert len(encode(Geom.of(world.geoms(), number, 2**63 - 1))) <= MAX_MESSAGE_BYTES
+    for number in range(len(world.drawing.shapes())):
+        assert len(encode(Geom.of(world.drawing.shapes(), number, 2**63 - 1))) <= MAX_MESSAGE_BYTES
     assert shapes_of(world.scene, np.zeros(3)).coarser == ("brick",)
 
 
@@ -211,16 +211,17 @@ def test_a_mesh_rests_on_the_floor_and_makes_no_energy(tmp_path: Path) -> None:
     assert np.abs(world.velocity).max() < 1e-3
 
 
-OUTSIDE = "is outside of the scene's folder; put it beside the scene, or below"
+OUTSIDE = "is outside of the scene's folder; put it beside the scene, or below, or set object.folder = "
+ABSOLUTE = "is an absolute path; put it beside the scene, or below, and name it from there"
 
 
 @pytest.mark.parametrize(
     ("file", "compiler", "words"),
     [
         ("../brick.obj", "", OUTSIDE),
-        ("/etc/brick.obj", "", OUTSIDE),
+        ("/etc/brick.obj", "", ABSOLUTE),
         ("brick.obj", '<compiler meshdir=".."/>', OUTSIDE),
-        ("brick.obj", '<compiler assetdir="/tmp"/>', OUTSIDE),
+        ("brick.obj", '<compiler assetdir="/tmp"/>', ABSOLUTE),
         ("link.obj", "", OUTSIDE),
         ("none.obj", "", r"scene.xml: mesh 'none.obj': there is no such file"),
         ("folder.obj", "", r"mesh 'folder.obj': is no regular file"),

@@ -8,7 +8,8 @@ import pytest
 
 from cogrip.analysis.scene_advice import scene_findings
 from cogrip.protocol.recording.reader import open_recording
-from cogrip.protocol.settings import Settings, resolve, seat_settings
+from cogrip.protocol.settings.room import resolve, seat_settings
+from cogrip.protocol.settings.sections import Settings
 from cogrip.results.columns import layout_of
 from cogrip.results.folder import SERVER_RECORDING
 from cogrip.results.laboratory_run import run_laboratory
@@ -105,6 +106,7 @@ def test_what_nothing_uses_is_said_by_advice_and_by_the_run(tmp_path: Path) -> N
     summary = run_laboratory(settings).summary
     assert summary["server"]["scene"]["unused"] == unused
     assert ("warn", f"What nothing here uses of the scene: {'; '.join(unused)}.") in verdict(summary)
+    assert world_in(tmp_path).drawing.notes() == (f"what nothing here uses of the scene: {'; '.join(unused)}",)
     used = settings_of(tmp_path, SCENE, "aim", "", keyframe="high")
     assert not [each for each in scene_findings(used) if each.topic == "not used"]
 

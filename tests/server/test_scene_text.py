@@ -9,13 +9,13 @@ import numpy as np
 import pytest
 
 from cogrip.protocol.recording.reader import RecordingError, open_recording
-from cogrip.protocol.settings import resolve
+from cogrip.protocol.settings.room import resolve
 from cogrip.results.folder import SERVER_RECORDING
 from cogrip.results.laboratory_run import run_laboratory
 from cogrip.results.replay.verify import verify
 from cogrip.server.worlds import scene_text
 from cogrip.server.worlds.scene_file import Held, load_scene
-from cogrip.server.worlds.scene_text import SceneError, read_scene
+from cogrip.server.worlds.scene_text import OutsideError, SceneError, read_scene
 from cogrip.sim.input_files import files_read
 
 from tests.server.test_scene_meshes import obj
@@ -120,21 +120,20 @@ def test_each_file_is_part_of_the_digest_and_a_recording_replays_with_all_of_the
         verify(recording)
 
 
-OUTSIDE = (
-    "is outside of the scene's folder; put it beside the scene, or below, or name a folder above both as object.folder"
-)
+OUTSIDE = "is outside of the scene's folder; put it beside the scene, or below, or set object.folder = "
+ABSOLUTE = "is an absolute path; put it beside the scene, or below, and name it from there"
 
 
 @pytest.mark.parametrize(
     ("element", "words"),
     [
         ('<include file="../out.xml"/>', f"include '../out.xml' {OUTSIDE}"),
-        ('<include file="/etc/passwd"/>', f"include '/etc/passwd' {OUTSIDE}"),
+        ('<include file="/etc/passwd"/>', f"include '/etc/passwd' {ABSOLUTE}"),
         ('<include file="link.xml"/>', f"include 'link.xml' {OUTSIDE}"),
         ('<Include file="../out.xml"/>', f"include '../out.xml' {OUTSIDE}"),
-        ('<include file="file:///etc/passwd"/>', f"include 'file:///etc/passwd' {OUTSIDE}"),
+        ('<include file="file:///etc/passwd"/>', f"include 'file:///etc/passwd' {ABSOLUTE}"),
         ('<asset><texture type="2d" file="../wood.png"/></asset>', f"texture '../wood.png' {OUTSIDE}"),
-        ('<asset><texture type="cube" fileright="/wood.png"/></asset>', f"texture '/wood.png' {OUTSIDE}"),
+        ('<asset><texture type="cube" fileright="/wood.png"/></asset>', f"texture '/wood.png' {ABSOLUTE}"),
         ('<asset><hfield file="../ground.bin" size="1 1 1 1"/></asset>', f"hfield '../ground.bin' {OUTSIDE}"),
         ('<asset><model name="m" file="../out.xml"/></asset>', f"model '../out.xml' {OUTSIDE}"),
         ('<compiler meshdir=".."/><asset><mesh file="sub/../brick.obj"/></asset>', f"mesh 'sub/../brick.obj' {OUTSIDE}"),
@@ -166,11 +165,49 @@ def test_a_file_that_cannot_be_used_has_its_line(tmp_path: Path, element: str, w
 def test_a_folder_that_the_settings_name_may_hold_what_several_scenes_share(tmp_path: Path) -> None:
     write(tmp_path / "shared", {"box.xml": BOX.format(geom=GEOM)})
     path = write(tmp_path / "one", {"scene.xml": '<mujoco><include file="../shared/box.xml"/></mujoco>'})
-    with pytest.raises(SceneError, match=r"name a folder above both as object\.folder"):
+    with pytest.raises(OutsideError, match=rf'set object\.folder = "{tmp_path}"$') as caught:
         load_scene(path, SEAT, STEP)
+    assert caught.value.folder == str(tmp_path)
     assert load_scene(path, SEAT, STEP, tmp_path).model.body("box").id > 0
     with pytest.raises(SceneError, match=r"is not in .*shared; name a folder above it as object.folder"):
         load_scene(path, SEAT, STEP, tmp_path / "shared")
+
+
+MESH_UP = """<mujoco><compiler meshdir="../{up}meshes"/><include file="../arm.xml"/>
+<asset><mesh file="brick.obj"/></asset></mujoco>"""
+
+
+def test_the_folder_that_is_named_is_the_least_that_has_all_that_the_texts_name_and_none_of_them_is_read(
+    tmp_path: Path,
+) -> None:
+    path = write(tmp_path / "a" / "robots" / "one", {"scene.xml": MESH_UP.format(up="")})
+    with pytest.raises(
+        OutsideError, match=r"^scene\.xml: include '\.\./arm\.xml' is outside .*, and 1 more; put it"
+    ) as caught:
+        load_scene(path, SEAT, STEP)
+    assert caught.value.folder == str(tmp_path / "a" / "robots")
+    write(tmp_path / "a" / "meshes", {"brick.obj": b""})
+    path.write_text(MESH_UP.format(up="../"))
+    with pytest.raises(OutsideError) as caught:
+        load_scene(path, SEAT, STEP)
+    assert caught.value.folder == str(tmp_path / "a")
+    (tmp_path / "a" / "robots" / "arm.xml").write_text('<mujoco><include file="../../../base.xml"/></mujoco>')
+    with pytest.raises(OutsideError) as caught:
+        load_scene(path, SEAT, STEP)
+    assert caught.value.folder == str(tmp_path / "a"), "what a file outside names is not known"
+    with pytest.raises(OutsideError) as caught:
+        load_scene(path, SEAT, STEP, tmp_path / "a")
+    assert caught.value.folder == str(tmp_path), "nor before it may be read"
+    path.write_text('<mujoco><include file="../one/part.xml"/></mujoco>')
+    with pytest.raises(OutsideError) as caught:
+        load_scene(path, SEAT, STEP)
+    assert caught.value.folder == str(tmp_path / "a" / "robots"), "above every folder on the way"
+    path.write_text(f'<mujoco><include file="{"../" * 40}etc/passwd"/></mujoco>')
+    with pytest.raises(
+        OutsideError, match=r"outside of the scene's folder; put it beside the scene, or below$"
+    ) as caught:
+        load_scene(path, SEAT, STEP)
+    assert caught.value.folder == "", "the whole disk is no folder of a scene"
 
 
 def test_files_are_bounded_together_and_texts_as_well(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -240,7 +240,7 @@ def test_a_tool_that_nobody_holds_touches_nothing_and_stays() -> None:
     assert world.proxy(1) == pytest.approx(there, abs=1e-15)
     assert world.port_work_j()[1] == 0.0
     assert not world.force[1].any()
-    assert world.stiffness_of(1) is None, "no spring holds it"
+    assert world.accounts.stiffness(1) is None, "no spring holds it"
 
 
 def test_a_heavy_tool_of_the_scene_stays_while_nobody_holds_it() -> None:

@@ -7,19 +7,11 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from cogrip.protocol.messages import NO_BOUND, Stamp, State
-from cogrip.protocol.settings import (
-    HUMAN_POWER_W,
-    REMOTE_FORCE_N,
-    REMOTE_SPEED_MPS,
-    Settings,
-    for_remote_clients,
-    resolve,
-)
-from cogrip.protocol.waves import wave_of
-from cogrip.server.observers import VIEWS_HZ
-from cogrip.server.room import Room
-from cogrip.server.seat_limits import (
+from cogrip.protocol.laws.waves import wave_of
+from cogrip.protocol.settings.room import for_remote_clients, resolve
+from cogrip.protocol.settings.sections import HUMAN_POWER_W, REMOTE_FORCE_N, REMOTE_SPEED_MPS, Settings
+from cogrip.protocol.wire.messages import NO_BOUND, Stamp, State
+from cogrip.server.ports.seat_limits import (
     BURST_S,
     MOST_S,
     Record,
@@ -29,6 +21,8 @@ from cogrip.server.seat_limits import (
     limits_of,
     misclaimed,
 )
+from cogrip.server.room import Room
+from cogrip.server.seats.observers import VIEWS_HZ
 
 FRAME_S = 1 / 128
 PHANTOM = Record("sim:phantom?hand=reach", 3, 1024.0, 8.5, 2.0)

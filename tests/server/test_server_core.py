@@ -9,13 +9,14 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from cogrip.protocol import messages
-from cogrip.protocol.channel import Address
-from cogrip.protocol.messages import Farewell, Heartbeat, Hello, Leave, Refuse, Stamp, State, Waves, Welcome
-from cogrip.protocol.rates import Rates
-from cogrip.protocol.session import LOST_NS, make_hello
-from cogrip.protocol.settings import Settings, resolve
-from cogrip.protocol.settings_digest import digest
+from cogrip.protocol.secure.channel import Address
+from cogrip.protocol.settings.digest import digest
+from cogrip.protocol.settings.rates import Rates
+from cogrip.protocol.settings.room import resolve
+from cogrip.protocol.settings.sections import Settings
+from cogrip.protocol.wire import messages
+from cogrip.protocol.wire.messages import Farewell, Heartbeat, Hello, Leave, Refuse, Stamp, State, Waves, Welcome
+from cogrip.protocol.wire.session import LOST_NS, make_hello
 from cogrip.server.admission import AdmissionServices
 from cogrip.server.core import FAREWELL_EVERY_NS, ServerCore
 from cogrip.server.inputs import Stop

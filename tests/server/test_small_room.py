@@ -52,7 +52,7 @@ def test_few_people_are_stepped_as_many_are(follow: bool, count: int, axes: int,
         alike(few.force, many.force, 1e-8)
         for number in range(count):
             alike(few.proxy(number), many.proxy(number), 1e-11)
-            assert few.stiffness_of(number) == few.stiffness[number, 0]
+            assert few.accounts.stiffness(number) == few.stiffness[number, 0]
     scale = 1.0 + float(np.abs(many.port_work).max())
     assert few.balance_error_j <= 1e-12 * scale + 10.0 * many.balance_error_j
 

@@ -8,7 +8,8 @@ from pathlib import Path
 
 import pytest
 
-from cogrip.server.io import platform, state_folder
+from cogrip.machine import server_platform as platform
+from cogrip.server.io import state_folder
 from cogrip.server.io.state_folder import (
     NoStateError,
     ServerRecord,

@@ -10,8 +10,8 @@ from random import Random
 
 import pytest
 
-from cogrip.server.io.workers.steering import Steering, open_path, open_public, replaces_safely
-from cogrip.server.io.workers.steering_program import LEAF, hash_of
+from cogrip.server.hosting.workers.steering import Steering, open_path, open_public, replaces_safely
+from cogrip.server.hosting.workers.steering_program import LEAF, hash_of
 
 pytestmark = pytest.mark.skipif(sys.platform != "linux", reason="several workers need Linux")
 

@@ -5,13 +5,14 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from cogrip.protocol.felt_stiffness import MOST_GAIN
-from cogrip.protocol.loop_meter import LoopMeter
-from cogrip.protocol.settings import SeatSettings, resolve, seat_settings
+from cogrip.protocol.laws.felt_stiffness import MOST_GAIN
+from cogrip.protocol.line.loop_meter import LoopMeter
+from cogrip.protocol.settings.room import resolve, seat_settings
+from cogrip.protocol.settings.seat import SeatSettings
 from cogrip.server.admission import AdmissionServices
 from cogrip.server.core import ServerCore
 from cogrip.server.schemes import make_world
-from cogrip.server.stiffness_adaptation import FOLLOW_S, REPORT_EVERY_S, REPORTS, StiffnessAdapter
+from cogrip.server.seats.stiffness_adaptation import FOLLOW_S, REPORT_EVERY_S, REPORTS, StiffnessAdapter
 from cogrip.server.worlds.grip import GripWorld
 from cogrip.server.worlds.push import PushWorld
 from cogrip.server.worlds.small_room import SmallGripWorld
@@ -242,16 +243,16 @@ def test_nothing_stretched_costs_nothing_and_what_is_lowered_can_be_raised_again
     world.join(0, np.zeros(1))
     for _ in range(60):
         world.step(np.zeros((1, 1)))
-    assert world.stiffness_of(0) == K
+    assert world.accounts.stiffness(0) == K
     world.set_target_stiffness(0, 2.0 * K)
     for _ in range(60):
         world.step(np.zeros((1, 1)))
-    assert world.stiffness_of(0) == 2.0 * K
+    assert world.accounts.stiffness(0) == 2.0 * K
     for step in range(200):  # pressed in, and held
         world.step(np.array([[0.5 if step < 40 else 0.0]]))
         if step == 60:
             world.set_target_stiffness(0, K)
         if step == 61:
-            assert world.stiffness_of(0) == K
+            assert world.accounts.stiffness(0) == K
             world.set_target_stiffness(0, 1.5 * K)
-    assert world.stiffness_of(0) == 1.5 * K
+    assert world.accounts.stiffness(0) == 1.5 * K

@@ -6,9 +6,9 @@ from types import SimpleNamespace
 
 import pytest
 
-from cogrip.protocol.channel import Address
-from cogrip.protocol.messages import MAX_DATAGRAM_BYTES, Heartbeat, Stamp, Welcome, decode, encode, padded
-from cogrip.protocol.session import LOST_NS, QUIET_NS
+from cogrip.protocol.secure.channel import Address
+from cogrip.protocol.wire.messages import MAX_DATAGRAM_BYTES, Heartbeat, Stamp, Welcome, decode, encode, padded
+from cogrip.protocol.wire.session import LOST_NS, QUIET_NS
 from cogrip.server.core import ServerCore
 from cogrip.server.io import datagram_path
 from cogrip.server.io.datagram_path import AWAY_NS, MOST_AT_ONCE, DatagramPath

@@ -4,8 +4,8 @@ from math import cos, pi, sin
 
 import pytest
 
-from cogrip.protocol.rotations import UNTURNED, exp, product
-from cogrip.protocol.task import EVERYBODY, Task
+from cogrip.protocol.laws.rotations import UNTURNED, exp, product
+from cogrip.protocol.settings.task import EVERYBODY, Task
 from cogrip.server.worlds.task_watch import TaskWatch
 
 T = 1 / 128

@@ -9,7 +9,7 @@ from pathlib import Path
 
 import pytest
 
-from cogrip.protocol.join_link import JoinLink
+from cogrip.protocol.wire.join_link import JoinLink
 from cogrip.server.io import token_file
 from cogrip.server.io.state_folder import StateError, StateFolder, make_folder
 from cogrip.server.io.token_file import TokenFile, draw_token

@@ -9,7 +9,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from cogrip.protocol.join_link import JoinLink
+from cogrip.protocol.wire.join_link import JoinLink
 from cogrip.server import tokens
 from cogrip.server.admission import Denied, Grant
 from cogrip.server.tokens import (

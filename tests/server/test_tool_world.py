@@ -7,9 +7,9 @@ from typing import Any
 import numpy as np
 import pytest
 
-from cogrip.protocol.object_kinds import PYTHON
-from cogrip.protocol.rotations import between, exp, product
-from cogrip.protocol.settings import resolve, seat_settings
+from cogrip.protocol.laws.rotations import between, exp, product
+from cogrip.protocol.settings.object_kinds import PYTHON
+from cogrip.protocol.settings.room import resolve, seat_settings
 from cogrip.server.worlds.registry import ALLOWED, world_class_of
 
 from tests.server.broken_worlds import Springs, Tumbling, seats
@@ -144,4 +144,4 @@ def test_the_soft_line_is_as_soft_as_its_springs_in_a_row() -> None:
         world.step(pull / np.sqrt(2.0 * world.impedance))
     assert world.tools[1] - world.tools[0] == pytest.approx(pull[1] * 8 / 2000.0, rel=1e-6, abs=1e-12)
     assert np.diff(world.place, axis=0) == pytest.approx(np.tile(pull[1] / 2000.0, (8, 1)), rel=1e-6, abs=1e-12)
-    assert world.poses_of_bodies()[:, :3].mean(axis=0) == pytest.approx(world.place.mean(axis=0))
+    assert world.drawing.poses()[:, :3].mean(axis=0) == pytest.approx(world.place.mean(axis=0))

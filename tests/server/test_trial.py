@@ -10,9 +10,9 @@ from pathlib import Path
 
 import pytest
 
-from cogrip.server.io import trial
-from cogrip.server.io.platform import FORKS
-from cogrip.server.io.trial import TrialError, tried
+from cogrip.machine import trial
+from cogrip.machine.server_platform import FORKS
+from cogrip.machine.trial import TrialError, tried
 from cogrip.server.worlds import scene_file
 from cogrip.server.worlds.scene_file import Held, make_scene
 from cogrip.server.worlds.scene_text import SceneError, scene_of

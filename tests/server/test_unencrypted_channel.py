@@ -7,10 +7,10 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from cogrip.protocol import messages
-from cogrip.protocol.channel import Address
-from cogrip.protocol.messages import HELLO_BYTES, MAX_DATAGRAM_BYTES, Heartbeat, Stamp
-from cogrip.protocol.session import make_hello
+from cogrip.protocol.secure.channel import Address
+from cogrip.protocol.wire import messages
+from cogrip.protocol.wire.messages import HELLO_BYTES, MAX_DATAGRAM_BYTES, Heartbeat, Stamp
+from cogrip.protocol.wire.session import make_hello
 from cogrip.server.rate_limit import Budget, Limits, RateLimiter
 from cogrip.server.unencrypted_channel import UnencryptedListener, looks_like_hello
 

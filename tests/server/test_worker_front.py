@@ -12,18 +12,17 @@ from types import SimpleNamespace
 import msgspec
 import pytest
 
+from cogrip.machine.server_platform import message_pair
 from cogrip.machine.stop import Stop
-from cogrip.protocol import messages
-from cogrip.protocol.channel import Address, UnencryptedChannel
-from cogrip.protocol.messages import PROTOCOL_VERSION, Hello, Welcome, padded
-from cogrip.protocol.session import refusal
-from cogrip.protocol.settings import seat_settings
+from cogrip.protocol.secure.channel import Address, UnencryptedChannel
+from cogrip.protocol.settings.room import seat_settings
+from cogrip.protocol.wire import messages
+from cogrip.protocol.wire.messages import PROTOCOL_VERSION, Hello, Welcome, padded
+from cogrip.protocol.wire.session import refusal
 from cogrip.server.admission import Grant
 from cogrip.server.events import ServerEvent
-from cogrip.server.io import public_port
-from cogrip.server.io.platform import message_pair
-from cogrip.server.io.workers.front import ASKED_NS, Front
-from cogrip.server.io.workers.link import (
+from cogrip.server.hosting import public_port
+from cogrip.server.hosting.link import (
     Ask,
     Assign,
     Astray,
@@ -37,8 +36,9 @@ from cogrip.server.io.workers.link import (
     ToFront,
     ToWorker,
 )
-from cogrip.server.io.workers.pool import Worker, WorkerPool
-from cogrip.server.io.workers.steering import Steering, open_public
+from cogrip.server.hosting.workers.front import ASKED_NS, Front
+from cogrip.server.hosting.workers.pool import Worker, WorkerPool
+from cogrip.server.hosting.workers.steering import Steering, open_public
 
 from tests.protocol.two_ends import SETTINGS, hello
 

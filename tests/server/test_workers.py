@@ -12,17 +12,12 @@ from typing import Any
 
 import pytest
 
+from cogrip.machine.server_platform import message_pair
 from cogrip.machine.stop import Stop
-from cogrip.protocol.messages import padded
+from cogrip.protocol.wire.messages import padded
 from cogrip.server.admission import AdmissionServices, Grant
 from cogrip.server.core import ServerCore
-from cogrip.server.io.control import Answer, Kick, Who
-from cogrip.server.io.datagram_path import DatagramPath
-from cogrip.server.io.platform import message_pair
-from cogrip.server.io.workers.administration import merged
-from cogrip.server.io.workers.channel import WorkerChannel
-from cogrip.server.io.workers.front import shares
-from cogrip.server.io.workers.link import (
+from cogrip.server.hosting.link import (
     MOST_BYTES,
     Ask,
     Asked,
@@ -35,10 +30,15 @@ from cogrip.server.io.workers.link import (
     Say,
     Stray,
 )
-from cogrip.server.io.workers.orders import LinkOrders
-from cogrip.server.io.workers.paths import WorkerPort
-from cogrip.server.io.workers.steering import Steering, open_path, open_public
-from cogrip.server.io.workers.verdicts import FrontVerdicts
+from cogrip.server.hosting.workers.administration import merged
+from cogrip.server.hosting.workers.channel import WorkerChannel
+from cogrip.server.hosting.workers.front import shares
+from cogrip.server.hosting.workers.orders import LinkOrders
+from cogrip.server.hosting.workers.paths import WorkerPort
+from cogrip.server.hosting.workers.steering import Steering, open_path, open_public
+from cogrip.server.hosting.workers.verdicts import FrontVerdicts
+from cogrip.server.io.control import Answer, Kick, Who
+from cogrip.server.io.datagram_path import DatagramPath
 from cogrip.server.rate_limit import RateLimiter
 from cogrip.server.roster import RosterEntry
 

@@ -5,7 +5,7 @@ from itertools import count
 
 import pytest
 
-from cogrip.protocol.settings import SeatSettings
+from cogrip.protocol.settings.seat import SeatSettings
 from cogrip.server.schemes import make_world
 from cogrip.server.worlds import conformance, scene_grips
 from cogrip.server.worlds.conformance import (

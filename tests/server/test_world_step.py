@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from cogrip.protocol.settings import resolve, seat_settings
+from cogrip.protocol.settings.room import resolve, seat_settings
 from cogrip.server.schemes import make_world
 from cogrip.server.worlds.world import REACH_M, WORKSPACE_M, World
 

@@ -8,7 +8,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from cogrip.protocol.settings import SeatSettings
+from cogrip.protocol.settings.seat import SeatSettings
 from cogrip.server.schemes import make_world
 from cogrip.server.worlds.grip import RAMP_S, GripWorld
 from cogrip.server.worlds.lagged import CoupledWorld, LaggedWorld, PaperWorld
@@ -269,7 +269,7 @@ def test_leaving_discards_the_spring_and_kicks_nobody_and_who_comes_back_starts_
     held = stored_j(world)
     world.join(1, np.array([0.2]))
     assert world.proxy(1) == pytest.approx([0.2])
-    assert (stored_j(world), world.stiffness_of(1)) == (held, 0.0 if kind == "cube" else 1000.0)
+    assert (stored_j(world), world.accounts.stiffness(1)) == (held, 0.0 if kind == "cube" else 1000.0)
 
 
 # The schemes to compare with -----------------------------------------------------------------------------------------

@@ -16,10 +16,10 @@ from typing import Any
 import numpy as np
 from msgspec.structs import replace
 
-from cogrip.client.safety import NEAR_THERMAL_LIMIT
+from cogrip.client.safety.limiter import NEAR_THERMAL_LIMIT
 from cogrip.devices.device import Capability, Sample
 from cogrip.devices.simulated.hands import SineSettings, directed, sine_course
-from cogrip.protocol.settings import Settings
+from cogrip.protocol.settings.sections import Settings
 from cogrip.sim.laboratory import Laboratory
 
 RAMPS_S = 0.7  # the client's, and the object's if it can pay for it at once

@@ -4,9 +4,10 @@ from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any, TypeVar
 
-from cogrip.protocol.accounts import ClientAccount
 from cogrip.protocol.recording.reader import open_recording
-from cogrip.protocol.settings import Playout, resolve
+from cogrip.protocol.settings.room import resolve
+from cogrip.protocol.settings.sections import Playout
+from cogrip.protocol.wire.accounts import ClientAccount
 from cogrip.results.replay.verify import verify
 from cogrip.results.summary import of_laboratory
 from cogrip.sim.laboratory import Laboratory

@@ -11,13 +11,14 @@ from msgspec.structs import replace
 
 from cogrip.devices.device import Device, Sample
 from cogrip.devices.for_user import make_for
-from cogrip.protocol.handle import MOST_AT_ONCE, Handle
-from cogrip.protocol.messages import Edges, Stamp, encode
-from cogrip.protocol.settings import Settings, resolve
+from cogrip.protocol.settings.room import resolve
+from cogrip.protocol.settings.sections import Settings
+from cogrip.protocol.wire.handle import MOST_AT_ONCE, Handle
+from cogrip.protocol.wire.messages import Edges, Stamp, encode
 from cogrip.results.laboratory_run import run_laboratory
 from cogrip.results.records import open_run
-from cogrip.server.observers import _person
 from cogrip.server.rate_limit import limits_for
+from cogrip.server.seats.observers import _person
 from cogrip.sim import laboratory as session_laboratory
 from cogrip.sim.laboratory import Laboratory
 

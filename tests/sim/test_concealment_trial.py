@@ -7,7 +7,8 @@ from pathlib import Path
 
 import pytest
 
-from cogrip.protocol.settings import Playout, resolve
+from cogrip.protocol.settings.room import resolve
+from cogrip.protocol.settings.sections import Playout
 
 from tests.bench.concealment import MOST_DRIFT_MM, MOST_PEAK, NOTHING_J, shortfalls
 from tests.bench.concealment_trial import CLEAN, ROWS, Setup, Trial, drifts_mm, moments, table, try_out

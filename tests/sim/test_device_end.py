@@ -13,11 +13,12 @@ import numpy as np
 import pytest
 from msgspec import structs
 
-from cogrip.client.velocity import largest_impedance
+from cogrip.client.hand.velocity import largest_impedance
 from cogrip.devices.device import Device, DeviceError, Sample
 from cogrip.devices.for_user import make_for
 from cogrip.devices.registry import is_input_only, make, stand_ins
-from cogrip.protocol.settings import Settings, resolve
+from cogrip.protocol.settings.room import resolve
+from cogrip.protocol.settings.sections import Settings
 from cogrip.sim import laboratory
 from cogrip.sim.laboratory import Laboratory
 

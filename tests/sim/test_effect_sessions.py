@@ -10,9 +10,9 @@ import pytest
 
 from cogrip.cli.settings.shipped_settings import shipped
 from cogrip.client.core import ClientCore
-from cogrip.protocol.effects import LEAST_EVERY_S, MOST_EFFECTS, Effect
-from cogrip.protocol.network_profiles import PROFILES
-from cogrip.protocol.settings import SettingsError, resolve
+from cogrip.protocol.settings.effects import LEAST_EVERY_S, MOST_EFFECTS, Effect
+from cogrip.protocol.settings.network_profiles import PROFILES
+from cogrip.protocol.settings.room import SettingsError, resolve
 from cogrip.results.summary import of_laboratory
 from cogrip.results.verdict import judgements
 from cogrip.sim.laboratory import Laboratory

@@ -14,9 +14,10 @@ from rich.console import Console
 
 from cogrip.cli.session.live_views import LiveTable
 from cogrip.cli.settings.settings_file import load
-from cogrip.protocol.coupling_kinds import COUPLING_KINDS
-from cogrip.protocol.passivity_control import LENT_J
-from cogrip.protocol.settings import Settings, resolve
+from cogrip.protocol.laws.passivity_control import LENT_J
+from cogrip.protocol.settings.coupling_kinds import COUPLING_KINDS
+from cogrip.protocol.settings.room import resolve
+from cogrip.protocol.settings.sections import Settings
 from cogrip.results import summary_values
 from cogrip.results.laboratory_run import run_laboratory
 from cogrip.results.plots import compared

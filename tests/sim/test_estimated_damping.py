@@ -19,12 +19,12 @@ from cogrip.analysis.lifted_model import LiftedModel
 from cogrip.analysis.linear_session import LinearSession, linear_session, seat_session
 from cogrip.analysis.rigid_motion import Rigid
 from cogrip.analysis.stability import largest_stable, verdict
+from cogrip.client.coupling.wave_coupling import WaveCoupling
+from cogrip.client.hand.velocity import MotionObserver, largest_impedance, memory_for
 from cogrip.client.inputs import DeviceOpened
-from cogrip.client.velocity import MotionObserver, largest_impedance, memory_for
-from cogrip.client.wave_coupling import WaveCoupling
 from cogrip.devices.device import Capability
 from cogrip.devices.registry import make
-from cogrip.protocol.settings import resolve, seat_settings
+from cogrip.protocol.settings.room import resolve, seat_settings
 from cogrip.results.summary import of_laboratory
 from cogrip.sim.laboratory import Laboratory
 

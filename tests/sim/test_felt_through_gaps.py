@@ -8,7 +8,8 @@ import pytest
 
 from cogrip.analysis import felt_probe as felt
 from cogrip.analysis.felt_probe import LAST_S
-from cogrip.protocol.settings import Settings, resolve
+from cogrip.protocol.settings.room import resolve
+from cogrip.protocol.settings.sections import Settings
 from cogrip.results.felt_as_intended import MOST_LENT
 from cogrip.sim.laboratory import Laboratory
 

@@ -7,10 +7,11 @@ import pytest
 
 from cogrip.cli.settings.settings_file import load
 from cogrip.machine.stop import Stop
-from cogrip.protocol import felt_stiffness, messages
-from cogrip.protocol.messages import Farewell, Heartbeat
-from cogrip.protocol.settings import Settings
-from cogrip.protocol.settings_digest import digest
+from cogrip.protocol.laws import felt_stiffness
+from cogrip.protocol.settings.digest import digest
+from cogrip.protocol.settings.sections import Settings
+from cogrip.protocol.wire import messages
+from cogrip.protocol.wire.messages import Farewell, Heartbeat
 from cogrip.results.laboratory_run import run_laboratory
 from cogrip.results.summary import of_laboratory
 from cogrip.results.verdict import stable, succeeded
@@ -18,10 +19,10 @@ from cogrip.server.admission import AdmissionServices
 from cogrip.server.checkpoint import CheckpointError, decode, encode
 from cogrip.server.core import ServerCore
 from cogrip.server.io.call_limit import call_limit
-from cogrip.server.loop import LiveServer
+from cogrip.server.io.loop import LiveServer
+from cogrip.server.ports.seat_limits import Record
 from cogrip.server.rate_limit import RateLimiter
 from cogrip.server.room import Room
-from cogrip.server.seat_limits import Record
 from cogrip.server.unencrypted_channel import UnencryptedListener
 from cogrip.server.worlds.conformance import CHECKS, Subject
 from cogrip.server.worlds.guarded import GuardedWorld

@@ -7,9 +7,9 @@ import pytest
 from hypothesis import Phase, example, given, settings
 from hypothesis import strategies as st
 
-from cogrip.protocol.felt_stiffness import felt_stiffness, line_compliance
-from cogrip.protocol.line.delays import line_delay
-from cogrip.protocol.settings import seat_settings
+from cogrip.protocol.laws.felt_stiffness import felt_stiffness, line_compliance
+from cogrip.protocol.settings.delays import line_delay
+from cogrip.protocol.settings.room import seat_settings
 from cogrip.sim.laboratory import Laboratory
 
 from tests.extent import every

@@ -9,8 +9,8 @@ from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
 from cogrip.protocol.line.concealment import held_force
-from cogrip.protocol.network_profiles import PROFILES
-from cogrip.protocol.settings import SettingsError, resolve
+from cogrip.protocol.settings.network_profiles import PROFILES
+from cogrip.protocol.settings.room import SettingsError, resolve
 from cogrip.results.felt_as_intended import MOST_CONTROLLED
 from cogrip.results.laboratory_run import run_laboratory
 from cogrip.results.report.tables import people_table

@@ -8,8 +8,8 @@ from typing import Any
 import numpy as np
 import pytest
 
-from cogrip.client.force_limits import SOFT_SLOPE_NPS
-from cogrip.protocol.settings import resolve
+from cogrip.client.safety.force_limits import SOFT_SLOPE_NPS
+from cogrip.protocol.settings.room import resolve
 from cogrip.results.laboratory_run import run_laboratory
 from cogrip.sim.laboratory import Laboratory
 
@@ -58,7 +58,7 @@ def test_clutches_of_50_mm_displace_nothing(times: int) -> None:
     core, world = laboratory.people[0].core, laboratory.room.world
     rows = by_tick(
         laboratory,
-        lambda _: (core._seat.hand.position_m, core._seat._hand_map.held, world.hand[0][0] - core._seat.tool_m()[0]),
+        lambda _: (core._seat.hand.position_m, core._seat.frame.held, world.hand[0][0] - core._seat.tool_m()[0]),
     )
     places, held, offsets = map(np.array, zip(*rows, strict=True))
     seat = core._seat

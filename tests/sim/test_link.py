@@ -9,7 +9,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from msgspec.structs import replace
 
-from cogrip.protocol.link_profile import LinkProfile as Profile
+from cogrip.protocol.settings.link_profile import LinkProfile as Profile
 from cogrip.sim import link
 from cogrip.sim.link import LinkEmulator, fates
 from cogrip.sim.outages import NEVER_NS, Outages

@@ -6,9 +6,10 @@ from math import dist, hypot
 
 import pytest
 
+from cogrip.client.coupling.contact_spring import LENT_J, MOST_SAVED_J
+from cogrip.client.coupling.local_contact import LocalCoupling
+from cogrip.client.coupling.local_poses import PoseContact
 from cogrip.client.inputs import DeviceFailed, Rearm
-from cogrip.client.local_contact import LENT_J, MOST_SAVED_J, LocalCoupling
-from cogrip.client.local_poses import LocalPoses
 from cogrip.results.summary import of_laboratory
 from cogrip.results.verdict import felt
 from cogrip.sim.laboratory import Laboratory
@@ -54,7 +55,8 @@ def test_a_hand_deep_inside_is_not_thrown_out(kind: str, deep_m: float, how: str
     core = laboratory.people[0].core
     rows = by_tick(laboratory, lambda _: (core.position_m[:3], core.force_n[:3]), take_and_return(laboratory, how))
     account = account_of(laboratory)
-    assert isinstance(core.coupling, LocalPoses if kind == "poses" else LocalCoupling)
+    assert isinstance(core.coupling, LocalCoupling)
+    assert isinstance(core.coupling.contact, PoseContact) == (kind == "poses")
     assert core.safety.state == "live"
     assert core.safety.gain == 1.0
     assert max(place_m[0] for place_m, _ in rows[:BACK]) > deep_m

@@ -10,13 +10,14 @@ import pytest
 from msgspec.structs import replace
 
 from cogrip.cli.settings.shipped_settings import shipped_scene
-from cogrip.client.local_contact import LENT_J, MOST_SAVED_J
-from cogrip.protocol.messages import Geom, Waves, decode
-from cogrip.protocol.network_profiles import PROFILES
+from cogrip.client.coupling.contact_spring import LENT_J, MOST_SAVED_J
+from cogrip.protocol.laws.rotations import between, exp
 from cogrip.protocol.recording.reader import open_recording
 from cogrip.protocol.recording.records import Datagram
-from cogrip.protocol.rotations import between, exp
-from cogrip.protocol.settings import Settings, resolve
+from cogrip.protocol.settings.network_profiles import PROFILES
+from cogrip.protocol.settings.room import resolve
+from cogrip.protocol.settings.sections import Settings
+from cogrip.protocol.wire.messages import Geom, Waves, decode
 from cogrip.results.folder import SERVER_RECORDING
 from cogrip.results.laboratory_run import run_laboratory
 from cogrip.results.replay.verify import verify

@@ -8,8 +8,9 @@ import pytest
 from msgspec.structs import replace
 
 from cogrip.cli.settings.shipped_settings import shipped, shipped_scene
-from cogrip.protocol.network_profiles import PROFILES
-from cogrip.protocol.settings import Settings, resolve
+from cogrip.protocol.settings.network_profiles import PROFILES
+from cogrip.protocol.settings.room import resolve
+from cogrip.protocol.settings.sections import Settings
 from cogrip.results.summary import of_laboratory
 from cogrip.results.verdict import passive
 from cogrip.sim.laboratory import Laboratory

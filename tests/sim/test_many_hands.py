@@ -11,8 +11,8 @@ from hypothesis import strategies as st
 from numpy.typing import NDArray
 
 from cogrip.cli.settings.settings_file import load
-from cogrip.protocol.messages import MAX_MESSAGE_BYTES, VIEWED_SEATS, Stamp, View, encode
-from cogrip.protocol.settings import resolve, seat_settings
+from cogrip.protocol.settings.room import resolve, seat_settings
+from cogrip.protocol.wire.messages import MAX_MESSAGE_BYTES, VIEWED_SEATS, Stamp, View, encode
 from cogrip.results.summary import of_laboratory
 from cogrip.server.schemes import make_world
 from cogrip.server.worlds.world import World

@@ -10,16 +10,16 @@ from cogrip.client.inputs import Mark
 from cogrip.client.loop import LiveClient
 from cogrip.client.markers import MOST_UNANSWERED
 from cogrip.machine.stop import Stop
-from cogrip.protocol.link_profile import LinkProfile
-from cogrip.protocol.messages import MARK_BYTES, encode
-from cogrip.protocol.messages import Mark as MarkMessage
-from cogrip.protocol.settings import resolve
-from cogrip.protocol.task import EVERYBODY
+from cogrip.protocol.settings.link_profile import LinkProfile
+from cogrip.protocol.settings.room import resolve
+from cogrip.protocol.settings.task import EVERYBODY
+from cogrip.protocol.wire.messages import MARK_BYTES, encode
+from cogrip.protocol.wire.messages import Mark as MarkMessage
 from cogrip.results import laboratory_run
 from cogrip.results.laboratory_run import run_laboratory
 from cogrip.results.records import open_run
 from cogrip.server import inputs
-from cogrip.server.markers import BURST, MOST_TOLD, TOLD_S, Markers
+from cogrip.server.seats.markers import BURST, MOST_TOLD, TOLD_S, Markers
 from cogrip.sim.laboratory import Laboratory
 from cogrip.sim.link import LinkEmulator
 

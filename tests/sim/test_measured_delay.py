@@ -9,10 +9,10 @@ import pytest
 
 from cogrip.client.recorder import RecordedClient
 from cogrip.devices.simulated.hands import DirectedHand, ImpedanceSettings
-from cogrip.protocol.line.delays import line_delay
-from cogrip.protocol.link_profile import LinkProfile
-from cogrip.protocol.rates import Rates
-from cogrip.protocol.settings import Playout
+from cogrip.protocol.settings.delays import line_delay
+from cogrip.protocol.settings.link_profile import LinkProfile
+from cogrip.protocol.settings.rates import Rates
+from cogrip.protocol.settings.sections import Playout
 from cogrip.results.report.tables import people_table
 from cogrip.results.summary import of_laboratory
 from cogrip.sim.laboratory import Laboratory, Person

@@ -7,9 +7,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from cogrip.analysis.linear_session import ModelError, linear_session
-from cogrip.protocol.coupling_kinds import UNLENT_MJ
-from cogrip.protocol.passivity_control import LENT_J
-from cogrip.protocol.settings import SettingsError, resolve, seat_settings
+from cogrip.protocol.laws.passivity_control import LENT_J
+from cogrip.protocol.settings.coupling_kinds import UNLENT_MJ
+from cogrip.protocol.settings.room import SettingsError, resolve, seat_settings
 from cogrip.results.summary import of_laboratory
 from cogrip.sim.laboratory import Laboratory
 

@@ -11,10 +11,12 @@ from typing import Any
 
 import pytest
 
-from cogrip.client.force_limits import MOST_SLOPE_NPS, SOFT_SLOPE_NPS
 from cogrip.client.inputs import CloseLedger
-from cogrip.protocol.session import QUIET_NS
-from cogrip.protocol.settings import Settings, resolve
+from cogrip.client.safety.force_limits import SOFT_SLOPE_NPS
+from cogrip.devices.device import MOST_SLOPE_NPS
+from cogrip.protocol.settings.room import resolve
+from cogrip.protocol.settings.sections import Settings
+from cogrip.protocol.wire.session import QUIET_NS
 from cogrip.sim.laboratory import Laboratory
 
 from tests.extent import every, long

@@ -9,12 +9,13 @@ from typing import Any, get_args
 import pytest
 
 from cogrip.client.inputs import CloseLedger
-from cogrip.protocol.line.delays import line_delay
 from cogrip.protocol.line.receiver import LATE
-from cogrip.protocol.link_profile import Link, LinkProfile
-from cogrip.protocol.network_profiles import ProfileName
-from cogrip.protocol.rates import Rates
-from cogrip.protocol.settings import Playout, resolve
+from cogrip.protocol.settings.delays import line_delay
+from cogrip.protocol.settings.link_profile import Link, LinkProfile
+from cogrip.protocol.settings.network_profiles import ProfileName
+from cogrip.protocol.settings.rates import Rates
+from cogrip.protocol.settings.room import resolve
+from cogrip.protocol.settings.sections import Playout
 from cogrip.sim.laboratory import Laboratory
 
 from tests.bench.playout_trial import TICKS, Arrivals, arrivals, beaten, best_fixed, fixed_delays, lateness, play, ratio

@@ -9,8 +9,9 @@ import pytest
 from numpy.typing import NDArray
 
 from cogrip.cli.settings.settings_file import load
-from cogrip.protocol.rotations import between, exp
-from cogrip.protocol.settings import Settings, SettingsError, resolve
+from cogrip.protocol.laws.rotations import between, exp
+from cogrip.protocol.settings.room import SettingsError, resolve
+from cogrip.protocol.settings.sections import Settings
 from cogrip.server.worlds import orientation_drift
 from cogrip.server.worlds.guarded import GuardedWorld
 from cogrip.server.worlds.registry import ALLOWED

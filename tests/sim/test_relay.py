@@ -6,9 +6,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from cogrip.protocol.link_profile import Direction, Link
-from cogrip.protocol.network_profiles import PROFILES
-from cogrip.protocol.settings import resolve
+from cogrip.protocol.settings.link_profile import Direction, Link
+from cogrip.protocol.settings.network_profiles import PROFILES
+from cogrip.protocol.settings.room import resolve
 from cogrip.sim.laboratory import Laboratory
 from cogrip.sim.link import configured_link
 from cogrip.sim.relay import KEEPING_BYTES, Relay

@@ -41,12 +41,12 @@ def test_every_body_is_where_it_was_at_rest_and_task_contact_and_slip_go_on(
     assert not world.data.qvel.any()
     assert not world.holding.any()
     assert world.limiter.level_j == world.limiter.start_j
-    told, account = scene(before), world.scene_account()
-    assert account == told.scene_account()
+    told, account = scene(before), world.accounts.scene()
+    assert account == told.accounts.scene()
     assert account["lifted_m"] > 0.04
     assert account["tools"][0]["contact_s"] > 1.0
-    assert world.task_account() == told.task_account()
-    assert world.progress() == told.progress() == checkpoint.progress
+    assert world.progress.account() == told.progress.account()
+    assert world.progress.save() == told.progress.save() == checkpoint.progress
     for _ in range(128):
         world.step(np.zeros((2, 3)))
     assert world.position[2] == pytest.approx(0.0, abs=1e-3), "nobody holds it, so it falls to the floor"
@@ -57,7 +57,7 @@ def test_a_task_is_reached_over_the_end_of_a_server() -> None:
     """The box is lifted before, and falls back to its place after it, as everybody is let go. No time of the task is lost."""
     settings = load(LIFT, ["seconds=6", "task.place_m=[0.0, 0.0, 0.0]", "task.within_m=0.01"])
     laboratory = Laboratory(settings)
-    while laboratory.room.world.task_account()["goals"]["lifted_m"]["value"] < 0.045:
+    while laboratory.room.world.progress.account()["goals"]["lifted_m"]["value"] < 0.045:
         laboratory.frame()
     begun = laboratory.room.steps
     checkpoints = [decode(encode(each)) for each in laboratory.kill()]
@@ -65,7 +65,7 @@ def test_a_task_is_reached_over_the_end_of_a_server() -> None:
         laboratory.frame()
     laboratory.restart(checkpoints)
     laboratory.run()
-    task = laboratory.room.world.task_account()
+    task = laboratory.room.world.progress.account()
     assert task["goals"]["lifted_m"]["value"] >= 0.045
     assert task["reached"]
     assert task["at_s"] > (begun - 64) / 128
@@ -74,7 +74,7 @@ def test_a_task_is_reached_over_the_end_of_a_server() -> None:
 def test_a_checkpoint_of_an_earlier_version_begins_to_measure_anew(lifted: tuple[Room, RoomCheckpoint]) -> None:
     room = Room(load(LIFT))
     room.restore(msgspec.structs.replace(lifted[1], progress=()), 0)
-    assert scene(room).scene_account()["lifted_m"] == 0.0
+    assert scene(room).accounts.scene()["lifted_m"] == 0.0
     assert scene(room).position[2] > 0.03
 
 
@@ -113,4 +113,4 @@ def test_progress_of_an_earlier_version_without_dwell_times_goes_on(lifted: tupl
     checkpoint = lifted[1]
     room = Room(load(LIFT))
     room.restore(msgspec.structs.replace(checkpoint, progress=checkpoint.progress[:-2]), 0)
-    assert room.world.progress()[:-2] == checkpoint.progress[:-2]
+    assert room.world.progress.save()[:-2] == checkpoint.progress[:-2]

@@ -6,7 +6,7 @@ from typing import Any
 import pytest
 
 from cogrip.analysis.scene_advice import scene_findings
-from cogrip.protocol.settings import resolve
+from cogrip.protocol.settings.room import resolve
 from cogrip.results.laboratory_run import run_laboratory
 from cogrip.results.verdict import felt
 

@@ -5,10 +5,12 @@ from pathlib import Path
 
 import pytest
 
+from cogrip.analysis.scene_advice import scene_findings
 from cogrip.analysis.scene_pushed import pushed
 from cogrip.cli.settings.before_run import check_settings
 from cogrip.cli.terminal.problem import BadInput
-from cogrip.protocol.settings import Settings, resolve
+from cogrip.protocol.settings.room import resolve
+from cogrip.protocol.settings.sections import Settings
 from cogrip.server.worlds.scene_pushes import MOST_MADE_J
 
 from tests.extent import long
@@ -24,6 +26,15 @@ FLEX = GRID + "{}</flexcomp>"
 def scene(bodies: str = FLOOR + BOX, option: str = "", default: str = "", rest: str = "", flag: str = "") -> str:
     options = f"<option {option}><flag {flag}/></option><default>{default}</default>"
     return f"<mujoco>{options}<worldbody>{bodies}</worldbody>{rest}</mujoco>"
+
+
+def chain(joint: str, links: int, link_m: float = 0.1) -> str:
+    """Return links that hang on each other by these joints, from a height of 0.3 m."""
+    geom = f'<geom type="capsule" fromto="0 0 0 {link_m} 0 0" size=".01" mass=".1"/>'
+    text = ""
+    for _ in range(links):
+        text = f'<body pos="{link_m} 0 0">{joint}{geom}{text}</body>'
+    return scene(f'<body pos="0 0 .3">{text}</body>')
 
 
 def geoms(values: str, option: str = "") -> str:
@@ -87,14 +98,27 @@ KINDS = {
         rest=f"<asset>{GROUND}</asset>",
     ),
     "soft body": scene(FLOOR + FLEX.format("4 4 4", 3, '<edge equality="true" damping="1"/><contact selfcollide="none"/>')),
+    "a top": scene('<body pos="0 0 .1"><joint type="ball"/><geom type="capsule" fromto="0 0 0 0 0 -.1" size=".003"/></body>'),
+    "double pendulum": chain('<joint axis="0 1 0"/>', 2),
+    "arm of three hinges": chain('<joint axis="0 1 0"/>', 3),
+    "two ball joints": chain('<joint type="ball"/>', 2),
+    "ragdoll": scene(
+        FLOOR + '<body pos="0 0 .1"><freejoint/><geom type="capsule" fromto="0 0 0 0 0 .1" size=".02" mass=".2"/>'
+        f'<body pos="0 0 .1"><joint type="ball"/>{SLIM}</body></body>'
+    ),
 }  # fmt: skip
+LINKED = ("a top", "double pendulum", "arm of three hinges", "two ball joints")
 WORSE = {
     "contacts found late": (geoms('margin=".0001"'), "leave geom margin out of the scene"),
-    "a top": (
-        scene('<body pos="0 0 .1"><joint name="pivot" type="ball"/><geom type="capsule" fromto="0 0 0 0 0 -.1" size=".01"/>'
-              "</body>"),
-        r"a body on a ball joint \(pivot\) gains energy as it spins: take hinges, or give it damping and armature",
+    "a pin through two bodies": (
+        scene(
+            f'<body name="a" pos="0 0 .3"><joint axis="0 1 0"/>{SLIM}</body>'
+            f'<body name="b" pos=".1 0 .3"><freejoint/>{SLIM}</body>',
+            rest='<equality><connect body1="a" body2="b" anchor=".1 0 0"/></equality>',
+        ),
+        r'bodies a and b are 20 mm inside of each other as .* by <exclude body1="a" body2="b"/>',
     ),
+    "four ball joints": (chain('<joint type="ball"/>', 4, 0.05), "raise object.substeps, or give its joints damping"),
 }  # fmt: skip
 
 
@@ -108,7 +132,7 @@ def settings_of(folder: Path, text: str, *tools: str, substeps: int = 4) -> Sett
 @pytest.mark.parametrize(
     ("name", "tools", "pushes"),
     [
-        *[(name, ("pad", "pad"), 12) for name in KINDS],
+        *[(name, ("pad", "pad"), 100 if name in LINKED else 12) for name in KINDS],
         *[long(name, tools, 100) for name in KINDS for tools in (("pad", "pad"), ("ball", "box"))],
     ],
 )
@@ -123,7 +147,8 @@ def test_scenes_of_the_kinds_that_people_write_make_no_energy(
 @pytest.mark.parametrize("name", WORSE)
 def test_a_scene_that_makes_energy_is_refused_with_what_to_change(tmp_path: Path, name: str) -> None:
     text, cure = WORSE[name]
-    found = pushed(settings_of(tmp_path, text, "ball", "box"))
+    settings = settings_of(tmp_path, text, "ball" if name != "a pin through two bodies" else "pad", "box")
+    found = pushed(settings)
     assert found.refused
     assert found.text.startswith("in 100 random pushes ")
     assert re.search(cure, found.text)
@@ -137,6 +162,11 @@ def test_a_cloth_that_makes_energy_makes_none_in_more_steps(tmp_path: Path) -> N
     assert MOST_MADE_J == 1e-3
 
 
+def test_a_chain_of_ball_joints_that_makes_energy_makes_none_in_more_steps(tmp_path: Path) -> None:
+    text = WORSE["four ball joints"][0]
+    assert not pushed(settings_of(tmp_path, text, "ball", "box", substeps=8)).refused
+
+
 def test_a_run_of_a_scene_that_makes_energy_by_its_own_contact_is_refused_before_it_begins(tmp_path: Path) -> None:
     late = settings_of(tmp_path, WORSE["contacts found late"][0], "ball", "box")
     with pytest.raises(
@@ -145,3 +175,29 @@ def test_a_run_of_a_scene_that_makes_energy_by_its_own_contact_is_refused_before
         check_settings(late)
     check_settings(late, allow_unstable=True)
     check_settings(settings_of(tmp_path, KINDS["menagerie"], "pad", "pad"))
+
+
+def test_bodies_that_overlap_as_a_scene_begins_are_told_and_others_are_not(tmp_path: Path) -> None:
+    told = [
+        each.text for each in scene_findings(settings_of(tmp_path, WORSE["a pin through two bodies"][0], "pad", "pad"))
+    ]
+    assert sum("are 20 mm inside of each other" in text for text in told) == 1
+    assert not any(
+        "inside of each other" in each.text for each in scene_findings(settings_of(tmp_path, scene(), "pad", "pad"))
+    )
+
+
+DRAWER = '<body name="drawer" pos="0 0 .2"><joint {} limited="true"/><geom type="box" size=".03 .03 .03"/></body>'
+OUTSIDE = {
+    'name="d" type="slide" range=".05 .1"': "joint d begins 50 mm outside of its range",
+    'type="hinge" range="-90 -30"': "joint of body drawer begins 30 degrees outside of its range",
+    'type="slide" range="0 .1"': "",
+    'type="ball" range="0 .1"': "",
+}
+
+
+@pytest.mark.parametrize("joint", OUTSIDE)
+def test_a_joint_that_begins_outside_of_its_range_is_told(tmp_path: Path, joint: str) -> None:
+    told = [each.text for each in scene_findings(settings_of(tmp_path, scene(DRAWER.format(joint)), "pad", "pad"))]
+    assert any(text.startswith(OUTSIDE[joint]) for text in told if OUTSIDE[joint]) == bool(OUTSIDE[joint])
+    assert OUTSIDE[joint] or not any("outside of its range" in text for text in told)

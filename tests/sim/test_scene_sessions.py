@@ -159,4 +159,4 @@ def test_one_person_turns_the_valve_alone() -> None:
     laboratory.run()
     task = of_laboratory(laboratory)["task"]
     assert task["reached"], task
-    assert laboratory.room.world.limiter_account()["limited_frames"] == 0
+    assert laboratory.room.world.accounts.limiter()["limited_frames"] == 0

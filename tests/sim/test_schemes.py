@@ -10,32 +10,23 @@ import pytest
 from cogrip.analysis.advice import INSTEAD, TOO_MUCH
 from cogrip.analysis.lifted_model import KINDS as BLOCKS
 from cogrip.analysis.linear_session import FORMS, Scheme, linear_session, scheme_of, scheme_overrides
-from cogrip.cli.session.joined_device import MOST_ADVISED_FRAMES
 from cogrip.cli.settings.shipped_settings import shipped_scene
-from cogrip.client import schemes as client_schemes
+from cogrip.client.coupling import schemes as client_schemes
 from cogrip.experiments.methods.method import METHODS
-from cogrip.protocol.coupling_kinds import COUPLING_KINDS
-from cogrip.protocol.messages import Frame, Waves
-from cogrip.protocol.object_kinds import KINDS as OBJECT_KINDS
-from cogrip.protocol.session import FOR_CLIENTS
-from cogrip.protocol.setting_types import Kind
-from cogrip.protocol.settings import resolve, seat_settings
+from cogrip.protocol.settings.coupling_kinds import COUPLING_KINDS, Kind
+from cogrip.protocol.settings.object_kinds import KINDS as OBJECT_KINDS
+from cogrip.protocol.settings.room import resolve, seat_settings
+from cogrip.protocol.wire.messages import FRAMES, Frame
+from cogrip.protocol.wire.session import FOR_CLIENTS
 from cogrip.server import schemes as server_schemes
 from cogrip.server.worlds.registry import WORLDS
 
 ROOT = Path(__file__).parents[2]
 KINDS = get_args(Kind)
-NAMED_IN = {  # modules that may compare a kind with a name: docs/design.md, "Add a coupling scheme"
-    "cli/cogrip/cli/session/served_rooms.py": "what a warning says",
-    "protocol/cogrip/protocol/object_fit.py": "grippers and worlds of others: of waves alone, until a kind is named there",
-    "protocol/cogrip/protocol/settings.py": "the paper's server step, which is one of waves",
-    "analysis/cogrip/analysis/advice.py": "what advice says of passivity",
-    "analysis/cogrip/analysis/linear_session.py": "`scheme_of`, of which mypy asks for every kind",
-}
 
 
 def test_every_scheme_and_every_form_of_linear_model_has_its_rows() -> None:
-    for table in (COUPLING_KINDS, client_schemes.SCHEMES, server_schemes.SCHEMES, MOST_ADVISED_FRAMES):
+    for table in (COUPLING_KINDS, client_schemes.SCHEMES, server_schemes.SCHEMES):
         assert tuple(table) == KINDS
     assert {method.overrides["coupling.kind"] for method in METHODS.values()} == set(KINDS)
     assert tuple(FORMS) == tuple(BLOCKS) == tuple(TOO_MUCH) == tuple(INSTEAD) == get_args(Scheme)
@@ -75,16 +66,13 @@ def test_a_kind_is_named_in_tables_alone() -> None:
         for path in (ROOT / package).rglob("*.py")
         if asked.search(path.read_text())
     }
-    assert found == set(NAMED_IN)
+    assert not found, "its row says what it is"
 
 
-@pytest.mark.parametrize("kind", KINDS)
-def test_both_ends_of_a_scheme_speak_the_same_message(kind: Kind) -> None:
-    message = client_schemes.SCHEMES[kind].message
-    assert message is server_schemes.SCHEMES[kind].frame
-    assert (message is Waves) == COUPLING_KINDS[kind].waves
-    assert message in FOR_CLIENTS
-    assert message in get_args(Frame)
+def test_every_kind_speaks_a_message_that_clients_and_servers_take() -> None:
+    for row in COUPLING_KINDS.values():
+        assert FRAMES[row.frame] in FOR_CLIENTS
+    assert tuple(FRAMES.values()) == get_args(Frame)
 
 
 @pytest.mark.parametrize("kind", OBJECT_KINDS)
@@ -105,4 +93,4 @@ def test_every_scheme_has_scenes_of_its_own(kind: Kind) -> None:
     row = (0.0,) * world.axes * world.inputs_per_axis
     world.join(0, np.zeros(3))
     assert len(world.advance([row])[0]) == 3 * (1 if waves else 2)
-    assert (world.limiter_account() is not None) == waves
+    assert (world.accounts.limiter() is not None) == waves

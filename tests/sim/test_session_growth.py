@@ -13,7 +13,8 @@ import pytest
 from cogrip.analysis.lifted_model import LiftedModel
 from cogrip.analysis.linear_session import linear_session, scheme_overrides
 from cogrip.analysis.stability import largest_stable, verdict
-from cogrip.protocol.settings import Settings, resolve
+from cogrip.protocol.settings.room import resolve
+from cogrip.protocol.settings.sections import Settings
 from cogrip.sim.laboratory import Laboratory
 
 from tests.extent import every

@@ -10,7 +10,8 @@ import pytest
 
 from cogrip.analysis.feel import alone, held, impedance, no_contact, on_wall, slow_feel
 from cogrip.analysis.linear_session import LinearSession, linear_session, scheme_overrides
-from cogrip.protocol.settings import Settings, resolve
+from cogrip.protocol.settings.room import resolve
+from cogrip.protocol.settings.sections import Settings
 
 from tests.extent import every
 from tests.sim.measured_impedance import measure, static_stiffness

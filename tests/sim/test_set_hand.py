@@ -10,13 +10,13 @@ import pytest
 from msgspec.structs import replace
 
 from cogrip.client import inputs as client_inputs
-from cogrip.client.force_limits import SOFT_SLOPE_NPS
 from cogrip.client.inputs import CloseLedger
-from cogrip.protocol.accounts import ClientAccount
-from cogrip.protocol.hand_settings import UNCHANGED, parsed
-from cogrip.protocol.messages import SetHand as Message
-from cogrip.protocol.messages import encode
-from cogrip.protocol.settings import resolve
+from cogrip.client.safety.force_limits import SOFT_SLOPE_NPS
+from cogrip.protocol.settings.hand import UNCHANGED, parsed
+from cogrip.protocol.settings.room import resolve
+from cogrip.protocol.wire.accounts import ClientAccount
+from cogrip.protocol.wire.messages import SetHand as Message
+from cogrip.protocol.wire.messages import encode
 from cogrip.results.laboratory_run import run_laboratory
 from cogrip.results.records import open_run
 from cogrip.results.replay.verify import verify
@@ -157,7 +157,7 @@ def test_no_change_is_lost_where_datagrams_are() -> None:
     seen: list[float] = []
 
     def watch(_: Laboratory) -> None:
-        now = laboratory.people[0].core._seat.holds().position_scale
+        now = laboratory.people[0].core._seat.orders.holds().position_scale
         if now is not None and (not seen or now != seen[-1]):
             seen.append(now)
 
@@ -196,10 +196,10 @@ def test_a_hand_refuses_what_its_room_has_no_axes_for_and_says_so() -> None:
     given = SetHand("anna", parsed(["rotation=-y x z"]))
     assert laboratory.server.handle(given, 0) == 0
     seat = laboratory.people[0].core._seat
-    seat.receive_change(Message(1, 1, 0, given.change))
+    seat.orders.receive(Message(1, 1, 0, given.change))
     laboratory.run()
-    assert seat._hand_map is None
-    assert seat.changes.taken == 1
+    assert not seat.frame.mapped
+    assert seat.orders.changes.taken == 1
 
 
 def test_a_device_that_names_no_handle_mass_is_not_carried() -> None:
@@ -217,7 +217,7 @@ def test_reports_repeat_until_they_are_answered_and_no_longer() -> None:
     core.handle(client_inputs.SetHand(parsed(["position_scale=2"])), 0)
     laboratory.run()
     assert laboratory.room.seats[0].hand.holds.position_scale == 2.0
-    assert not core._seat.changes.pending()
+    assert not core._seat.orders.changes.pending()
 
 
 def test_a_client_that_reports_without_end_fills_no_log_and_loosens_no_limit() -> None:

@@ -5,7 +5,8 @@ from typing import Any
 import pytest
 
 from cogrip.analysis.advice import AMPLE, advise
-from cogrip.protocol.settings import Settings, resolve
+from cogrip.protocol.settings.room import resolve
+from cogrip.protocol.settings.sections import Settings
 from cogrip.results.summary import of_laboratory
 from cogrip.results.verdict import passive, stable
 from cogrip.sim.laboratory import Laboratory

@@ -12,9 +12,10 @@ from tests.extent import long
 from tests.interpreted import needs_interpreted, source_of
 
 UNROLLED = (
-    "cogrip.client.force_limits", "cogrip.client.hand_motion", "cogrip.client.safety", "cogrip.client.velocity",
-    "cogrip.client.wave_coupling", "cogrip.devices.plausibility", "cogrip.devices.simulated.ideal",
-    "cogrip.devices.simulated.waypoints", "cogrip.protocol.decimation", "cogrip.protocol.line.energy_sums",
+    "cogrip.client.safety.force_limits", "cogrip.client.seat.hand_motion", "cogrip.client.safety.limiter",
+    "cogrip.client.hand.velocity",
+    "cogrip.client.coupling.wave_coupling", "cogrip.devices.plausibility", "cogrip.devices.simulated.ideal",
+    "cogrip.devices.simulated.waypoints", "cogrip.protocol.laws.decimation", "cogrip.protocol.line.energy_sums",
 )  # fmt: skip
 """Modules that take PLACES axes without a loop."""
 

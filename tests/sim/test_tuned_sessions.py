@@ -9,15 +9,15 @@ import pytest
 from msgspec import to_builtins
 from msgspec.structs import replace
 
-from cogrip.client.wave_coupling import WaveCoupling
+from cogrip.client.coupling.wave_coupling import WaveCoupling
 from cogrip.experiments.methods.case import run_session
 from cogrip.experiments.methods.measures import swing_n
 from cogrip.experiments.methods.method import session_settings
-from cogrip.protocol.coupling_settings import LineTuning
-from cogrip.protocol.line_tuning import Tuning, tuning
-from cogrip.protocol.network_profiles import PROFILES
 from cogrip.protocol.recording.reader import open_recording
-from cogrip.protocol.settings import resolve
+from cogrip.protocol.settings.coupling import LineTuning
+from cogrip.protocol.settings.line_tuning import Tuning, tuning
+from cogrip.protocol.settings.network_profiles import PROFILES
+from cogrip.protocol.settings.room import resolve
 from cogrip.results.laboratory_run import run_laboratory
 from cogrip.results.replay.verify import verify
 from cogrip.results.summary import of_laboratory
@@ -106,7 +106,7 @@ def test_a_line_follows_a_delay_that_nobody_announced(tmp_path: Path, before_ms:
     since: set[int] = set()
 
     def look(laboratory: Laboratory) -> None:
-        seen.append([line._b for line in lines_of(laboratory)])
+        seen.append([line.b for line in lines_of(laboratory)])
         since.add(lines_of(laboratory)[0]._since)
 
     laboratory.run(each_frame=look)

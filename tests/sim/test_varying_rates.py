@@ -15,11 +15,11 @@ from cogrip.analysis.feel import held, impedance
 from cogrip.analysis.lifted_model import LiftedModel
 from cogrip.analysis.linear_session import linear_session
 from cogrip.analysis.stability import verdict
-from cogrip.protocol.felt_stiffness import felt_stiffness, line_compliance
-from cogrip.protocol.rates import due_ns
+from cogrip.protocol.laws.felt_stiffness import felt_stiffness, line_compliance
 from cogrip.protocol.recording.reader import open_recording
-from cogrip.protocol.settings import resolve, seat_settings
-from cogrip.protocol.settings_digest import digest
+from cogrip.protocol.settings.digest import digest
+from cogrip.protocol.settings.rates import due_ns
+from cogrip.protocol.settings.room import resolve, seat_settings
 from cogrip.results.laboratory_run import run_laboratory
 from cogrip.results.records import open_run
 from cogrip.results.replay.verify import verify

@@ -10,7 +10,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from cogrip.client.velocity import MotionObserver, memory_for
+from cogrip.client.hand.velocity import MotionObserver, memory_for
 
 from tests.bench.__main__ import main as bench
 from tests.bench.velocity_trial import hands, session

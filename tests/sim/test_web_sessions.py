@@ -10,7 +10,7 @@ import pytest
 
 from cogrip.devices.web.device import WebDevice
 from cogrip.devices.web.hand import RELEASE_S, SILENCE_S
-from cogrip.protocol.settings import resolve
+from cogrip.protocol.settings.room import resolve
 from cogrip.results.summary import of_laboratory
 from cogrip.sim.laboratory import Laboratory
 

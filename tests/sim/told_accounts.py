@@ -5,7 +5,14 @@ from typing import Any
 from msgspec.structs import replace
 
 from cogrip.machine.tick_count import Percentiles, TickCount
-from cogrip.protocol.accounts import ClientAccount, DeviceAccount, LinkCount, PlayoutAccount, RoomAccount, SeatAccount
+from cogrip.protocol.wire.accounts import (
+    ClientAccount,
+    DeviceAccount,
+    LinkCount,
+    PlayoutAccount,
+    RoomAccount,
+    SeatAccount,
+)
 from cogrip.results.summary import UserRecord, summarise
 
 CLIENT = ClientAccount(

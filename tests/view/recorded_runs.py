@@ -3,7 +3,7 @@
 from pathlib import Path
 from typing import Any
 
-from cogrip.protocol.settings import resolve
+from cogrip.protocol.settings.room import resolve
 from cogrip.results.laboratory_run import run_laboratory
 
 PEOPLE = (

@@ -14,8 +14,8 @@ import pytest
 from cogrip.cli.settings.settings_file import load
 from cogrip.devices.web.messages import FrameError
 from cogrip.protocol.drawing import TILE, Shape, pack_points, pack_triangles
-from cogrip.protocol.messages import Pose, View
 from cogrip.protocol.recording.reader import Message
+from cogrip.protocol.wire.messages import Pose, View
 from cogrip.results.laboratory_run import run_laboratory
 from cogrip.results.records import open_run
 from cogrip.results.replay.verify import verify
@@ -73,11 +73,11 @@ def test_a_live_scene_is_drawn_of_its_bodies() -> None:
     places: dict[int, Any] = {}
     settings = msgspec.to_builtins(load(Path("lift"), ["seconds=3"]))
     watched = Watched(**settings).run(
-        lambda lab: places.update({lab.room.steps: lab.room.world.poses_of_bodies().copy()})
+        lambda lab: places.update({lab.room.steps: lab.room.world.drawing.poses().copy()})
     )
     live, world = watched.live, watched.lab.room.world
     assert live is not None
-    assert live.scene.geoms == tuple(world.geoms())
+    assert live.scene.geoms == tuple(world.drawing.shapes())
     anchors = [pytest.approx((-world.offset[seat]).tolist()) for seat in (0, 1)]
     assert [person.anchor_m for person in live.scene.people] == anchors
     views = [message for message in watched.messages if isinstance(message, View)]
@@ -86,6 +86,25 @@ def test_a_live_scene_is_drawn_of_its_bodies() -> None:
     for each in with_bodies:  # the poses of a view come before it
         assert np.array(each.bodies) == pytest.approx(places[each.number], abs=1e-7)
     assert with_bodies[-1].orientation == with_bodies[-1].bodies[0][3:]
+
+
+LIT = """<mujoco><option integrator="Euler"/><worldbody><light pos="0 0 1"/><geom type="plane" size="1 1 .1"/>
+<body name="box" pos="0 0 .03"><freejoint/><geom type="box" size=".03 .03 .03" mass=".2"/></body></worldbody></mujoco>"""
+LIT_TOLD = (
+    "not drawn of the scene: lights (a view has its own), nor are haze, fog and shadows",
+    "the scene sets integrator (euler > discrete), which does not hold: contact that creates no energy is stepped otherwise",
+)
+
+
+@pytest.mark.parametrize("scene", [LIT, ""])
+def test_who_looks_at_a_live_scene_is_told_what_is_not_drawn_and_what_was_changed(tmp_path: Path, scene: str) -> None:
+    tables: dict[str, Any] = {"seconds": 2.0}
+    if scene:
+        (tmp_path / "lit.xml").write_text(scene)
+        tables["object"] = {"kind": "scene", "file": str(tmp_path / "lit.xml"), "axes": 3}
+    live = Watched(**tables).run().live
+    assert live is not None
+    assert live.scene.note == (" ".join(f"{text[0].upper()}{text[1:]}." for text in LIT_TOLD) if scene else "")
 
 
 @pytest.fixture(scope="module")

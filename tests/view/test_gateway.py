@@ -22,7 +22,7 @@ from websockets.asyncio.client import ClientConnection, connect
 from websockets.exceptions import ConnectionClosed, InvalidMessage, InvalidStatus
 
 from cogrip.devices.web.messages import Pointer, encode_pointer
-from cogrip.protocol.join_link import JoinLink, parse_link
+from cogrip.protocol.wire.join_link import JoinLink, parse_link
 from cogrip.server.io.state_folder import find_folder
 from cogrip.server.io.token_file import TokenFile, draw_token
 from cogrip.view.frames import Frame, decode

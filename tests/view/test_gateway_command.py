@@ -10,7 +10,7 @@ from cogrip.cli.session.join_target import Target
 from cogrip.cli.terminal.problem import BadInput
 from cogrip.cli.terminal.qr_code import qr_code
 from cogrip.protocol.io.certificate import load
-from cogrip.protocol.join_link import JoinLink
+from cogrip.protocol.wire.join_link import JoinLink
 from cogrip.server.io.state_folder import make_folder
 from cogrip.server.io.token_file import draw_token
 

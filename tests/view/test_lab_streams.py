@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 
 from cogrip.client.inputs import Mark
-from cogrip.protocol.messages import Mark as Told
-from cogrip.protocol.messages import Stamp, View
-from cogrip.protocol.settings import resolve, seat_settings
+from cogrip.protocol.settings.room import resolve, seat_settings
+from cogrip.protocol.wire.messages import Mark as Told
+from cogrip.protocol.wire.messages import Stamp, View
 from cogrip.view.lab_streams import LabStreams, channels, rate_hz
 
 from tests.view.test_live_scene import Watched

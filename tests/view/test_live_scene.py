@@ -9,12 +9,12 @@ import pytest
 
 from cogrip.client import inputs
 from cogrip.client.observer import ObserverCore
-from cogrip.protocol.messages import MAX_MESSAGE_BYTES, Person, View, decode
 from cogrip.protocol.recording.records import Datagram
-from cogrip.protocol.session import ClientSession, make_hello
-from cogrip.protocol.settings import resolve
-from cogrip.server.observers import PEOPLE_A_VIEW, VIEWS_HZ
+from cogrip.protocol.settings.room import resolve
+from cogrip.protocol.wire.messages import MAX_MESSAGE_BYTES, Person, View, decode
+from cogrip.protocol.wire.session import ClientSession, make_hello
 from cogrip.server.recorder import DATAGRAM_OUT
+from cogrip.server.seats.observers import PEOPLE_A_VIEW, VIEWS_HZ
 from cogrip.sim.laboratory import Laboratory
 from cogrip.view import frames
 from cogrip.view.frames import Frame

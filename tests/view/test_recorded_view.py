@@ -14,7 +14,7 @@ from cogrip.protocol.recording.header import Header, versions_here
 from cogrip.protocol.recording.reader import Message
 from cogrip.protocol.recording.records import Event, Step
 from cogrip.protocol.recording.sink import encode
-from cogrip.protocol.settings import resolve
+from cogrip.protocol.settings.room import resolve
 from cogrip.results.records import open_run
 from cogrip.server.recorder import server_topics, start_text
 from cogrip.view.frames import HAND_KNOWN, Frame, decode_chunk

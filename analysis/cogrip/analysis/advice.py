@@ -25,15 +25,16 @@ from cogrip.analysis.linear_session import (
     seats_on_devices,
 )
 from cogrip.analysis.stability import SEARCHED_FROM_NPM, Limit, Verdict, largest_stable, optimistic_limit, verdict
-from cogrip.client.force_limits import MOST_SLOPE_NPS
-from cogrip.client.rendered_damper import ROUNDING, bound_words, damper_key, damper_on, refusal, rounded_down
-from cogrip.client.velocity import Bound, largest_impedance
-from cogrip.devices.device import Capability
+from cogrip.client.hand.velocity import Bound, largest_impedance
+from cogrip.client.seat.rendered_damper import ROUNDING, bound_words, damper_on, refusal, rounded_down
+from cogrip.devices.device import MOST_SLOPE_NPS, Capability
 from cogrip.devices.for_user import make_for
 from cogrip.devices.registry import is_input_only
-from cogrip.protocol.felt_stiffness import OutOfReachError, compensated_stiffness
+from cogrip.protocol.laws.felt_stiffness import OutOfReachError, compensated_stiffness
 from cogrip.protocol.line.concealment import held_force
-from cogrip.protocol.settings import SeatSettings, Settings, seat_axes, seat_settings
+from cogrip.protocol.settings.room import seat_axes, seat_settings
+from cogrip.protocol.settings.seat import SeatSettings
+from cogrip.protocol.settings.sections import Settings
 from cogrip.results.felt_as_intended import STIFFNESS_JND
 
 AMPLE = 1.5  # factor on a session's stiffness up to which it should stay stable
@@ -157,7 +158,7 @@ def unbounded(settings: Settings | SeatSettings) -> tuple[str, ...]:
 
 def _section(settings: Settings, number: int) -> str:
     """Return the section of settings with the damper of this person's device: a user's own value is above [coupling]'s."""
-    own = getattr(settings.users[number], damper_key(settings.coupling.kind))
+    own = getattr(settings.users[number], settings.coupling.traits.damper.key)
     return "coupling" if own is None else f"users.{number}"
 
 
@@ -212,11 +213,11 @@ def _free_end(session: LinearSession, number: int, seat: SeatSettings, section: 
 
 def _passivity(seats: Sequence[SeatSettings]) -> list[Finding]:
     coupling = seats[0].coupling
-    if coupling.kind == "coupling":
+    if not coupling.traits.passive:
         text = "not passive: plain virtual coupling makes energy of delay, so its stability holds for these very numbers only"
         return [Finding("passivity", text, level="note")]
     found = []
-    if coupling.kind == "local":
+    if coupling.traits.local:
         text = "contact is each client's own, bounded by the energy at its device; the line behind it is passive on any network"
         return [Finding("passivity", text)]
     if coupling.server_step == "paper":

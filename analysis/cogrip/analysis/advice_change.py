@@ -16,11 +16,12 @@ from cogrip.analysis.finding import LEVELS, Level, plain, said_of, warning_rows
 from cogrip.analysis.lifted_model import LiftedModel
 from cogrip.analysis.linear_session import ModelError
 from cogrip.analysis.stability import Limit
-from cogrip.client.rendered_damper import rounded_down
+from cogrip.client.seat.rendered_damper import rounded_down
 from cogrip.devices.device import DeviceError
 from cogrip.machine.addition import add_integers
-from cogrip.protocol.settings import Settings, resolve
-from cogrip.protocol.settings_table import SettingsError
+from cogrip.protocol.settings.room import resolve
+from cogrip.protocol.settings.sections import Settings
+from cogrip.protocol.settings.table import SettingsError
 
 TOLD = 1.03  # factor of what a change costs above which it is told
 COSTS: dict[tuple[str, Any], str] = {

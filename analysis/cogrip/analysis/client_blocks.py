@@ -15,9 +15,9 @@ import numpy as np
 from cogrip.analysis.decimation_passivity import lowpass_pole
 from cogrip.analysis.linear_session import Person
 from cogrip.analysis.state_space import Array, StateSpace, close, delay, diagonal, lift, series, through
-from cogrip.client.velocity import hand_memory, observer_gains
+from cogrip.client.hand.velocity import hand_memory, observer_gains
 from cogrip.devices.simulated.zero_order_hold import discretise
-from cogrip.protocol.rates import Rates
+from cogrip.protocol.settings.rates import Rates
 
 
 def device_block(person: Person, rates: Rates) -> StateSpace:

@@ -15,8 +15,8 @@ from math import exp, pi
 import numpy as np
 
 from cogrip.analysis.state_space import Array, Complex
-from cogrip.protocol.decimation import Decimator
-from cogrip.protocol.rates import Rates
+from cogrip.protocol.laws.decimation import Decimator
+from cogrip.protocol.settings.rates import Rates
 
 _SCAN = 1025
 _ZOOMS = 3

@@ -15,8 +15,8 @@ from math import expm1
 
 from cogrip.analysis.linear_session import FORMS, LinearSession, Person
 from cogrip.machine.addition import add_floats
-from cogrip.protocol.line.delays import OneWayDelay
-from cogrip.protocol.rates import Rates
+from cogrip.protocol.settings.delays import OneWayDelay
+from cogrip.protocol.settings.rates import Rates
 
 
 @dataclass(frozen=True, slots=True)

@@ -2,12 +2,12 @@
 
 from math import inf, pi
 
-from cogrip.client.force_limits import MOST_SLOPE_NPS
-from cogrip.client.rendered_damper import damper_on
-from cogrip.client.velocity import lag_ticks, largest_impedance
-from cogrip.devices.device import Capability
-from cogrip.protocol.effects import Effect
-from cogrip.protocol.settings import SeatSettings, Settings
+from cogrip.client.hand.velocity import lag_ticks, largest_impedance
+from cogrip.client.seat.rendered_damper import damper_on
+from cogrip.devices.device import MOST_SLOPE_NPS, Capability
+from cogrip.protocol.settings.effects import Effect
+from cogrip.protocol.settings.seat import SeatSettings
+from cogrip.protocol.settings.sections import Settings
 
 
 def effect_advice(settings: Settings, seat: SeatSettings, record: Capability) -> tuple[str, bool]:

@@ -29,8 +29,8 @@ from cogrip.analysis.decimation_passivity import filter_of, lowpass_pole
 from cogrip.analysis.lifted_model import KINDS
 from cogrip.analysis.linear_session import FORMS, LinearSession, Person
 from cogrip.analysis.state_space import Array, Complex
-from cogrip.client.velocity import hand_memory, observer_gains
-from cogrip.protocol.rates import Rates
+from cogrip.client.hand.velocity import hand_memory, observer_gains
+from cogrip.protocol.settings.rates import Rates
 
 LOWEST_HZ, HIGHEST_HZ, POINTS = 0.1, 64.0, 200
 _SLOW_RAD_S = (1e-3, 0.25, 0.5)

@@ -21,8 +21,9 @@ import numpy as np
 
 from cogrip.analysis.trace import TraceRecorder
 from cogrip.machine.addition import add_floats
-from cogrip.protocol.object_kinds import kind_of
-from cogrip.protocol.settings import Settings, User, coupling_of
+from cogrip.protocol.settings.object_kinds import kind_of
+from cogrip.protocol.settings.room import coupling_of
+from cogrip.protocol.settings.sections import Settings, User
 from cogrip.sim.laboratory import Laboratory
 
 LOAD_N = 1.0

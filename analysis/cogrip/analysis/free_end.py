@@ -14,7 +14,7 @@ from cogrip.analysis.finding import growth
 from cogrip.analysis.lifted_model import LiftedModel
 from cogrip.analysis.linear_session import FORMS, LinearSession, Person
 from cogrip.analysis.stability import verdict
-from cogrip.client.rendered_damper import rounded_down
+from cogrip.client.seat.rendered_damper import rounded_down
 
 _HALVINGS = 7  # number of halvings in the search of the largest impedance with which nothing grows
 

@@ -26,8 +26,9 @@ from cogrip.analysis.stiffest import Stiffest, eased, stiffest
 from cogrip.devices.for_user import make_for
 from cogrip.devices.registry import is_real
 from cogrip.machine.addition import add_floats, add_integers
-from cogrip.protocol.object_kinds import kind_of
-from cogrip.protocol.settings import Settings, User, not_passive, resolve, seat_axes
+from cogrip.protocol.settings.object_kinds import kind_of
+from cogrip.protocol.settings.room import not_passive, resolve, seat_axes
+from cogrip.protocol.settings.sections import Settings, User
 from cogrip.results.felt_as_intended import SOFTER
 from cogrip.results.judgement import Tone
 from cogrip.results.summary import of_laboratory

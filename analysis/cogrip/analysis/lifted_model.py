@@ -36,7 +36,7 @@ from cogrip.analysis.client_blocks import coupled_frame, wave_filter, wave_frame
 from cogrip.analysis.linear_session import LinearSession, Person, Scheme
 from cogrip.analysis.server_blocks import coupled_step, paper_step, passive_step
 from cogrip.analysis.state_space import Array, Complex, StateSpace, delay, diagonal, series
-from cogrip.protocol.rates import Rates
+from cogrip.protocol.settings.rates import Rates
 
 
 @dataclass(frozen=True, slots=True)

@@ -10,13 +10,15 @@ from math import pi
 
 from cogrip.analysis.advice import HEAVY_KG, carried_finding, gaps
 from cogrip.analysis.finding import Finding, Level, plain
-from cogrip.client.rendered_damper import damper_on
+from cogrip.client.seat.rendered_damper import damper_on
 from cogrip.devices.for_user import address_of, make_for
 from cogrip.devices.settings import parse_address
 from cogrip.machine.addition import add_floats
-from cogrip.protocol.line.delays import line_delay
-from cogrip.protocol.line_tuning import filter_lag_s
-from cogrip.protocol.settings import SeatSettings, Settings, User, seat_axes, seat_settings
+from cogrip.protocol.settings.delays import line_delay
+from cogrip.protocol.settings.line_tuning import filter_lag_s
+from cogrip.protocol.settings.room import seat_axes, seat_settings
+from cogrip.protocol.settings.seat import SeatSettings
+from cogrip.protocol.settings.sections import Settings, User
 
 LIGHT_GRIP_N = 3.0  # force with which a hand presses, where the settings' hand does not say
 DEEP_M, OUT_OF_REACH_M = 0.01, 0.05

@@ -9,25 +9,27 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from math import inf, isfinite
-from typing import Literal, NamedTuple, assert_never
+from typing import Literal, NamedTuple
 
 import numpy as np
 
 from cogrip.analysis.state_space import Complex
-from cogrip.client.rendered_damper import damper_key, seat_on
-from cogrip.client.velocity import MEMORY, memory_for
+from cogrip.client.hand.velocity import MEMORY, memory_for
+from cogrip.client.seat.rendered_damper import seat_on
 from cogrip.devices.device import Capability, Device
 from cogrip.devices.for_user import address_of, make_for
 from cogrip.devices.settings import parse_address
 from cogrip.devices.simulated.device import SimulatedDevice
-from cogrip.protocol.coupling_kinds import COUPLING_KINDS
-from cogrip.protocol.coupling_settings import Coupling
-from cogrip.protocol.line.delays import OneWayDelay, line_delay, one_way
-from cogrip.protocol.line_tuning import filter_lag_s
-from cogrip.protocol.object_kinds import kind_of
-from cogrip.protocol.rates import Rates
-from cogrip.protocol.setting_types import Decimator, Encoder, Kind, ServerStep
-from cogrip.protocol.settings import SeatSettings, Settings, User, seat_axes, seat_settings
+from cogrip.protocol.settings.coupling import Coupling
+from cogrip.protocol.settings.coupling_kinds import COUPLING_KINDS, Kind
+from cogrip.protocol.settings.delays import OneWayDelay, line_delay, one_way
+from cogrip.protocol.settings.line_tuning import filter_lag_s
+from cogrip.protocol.settings.object_kinds import kind_of
+from cogrip.protocol.settings.rates import Rates
+from cogrip.protocol.settings.room import seat_axes, seat_settings
+from cogrip.protocol.settings.seat import SeatSettings
+from cogrip.protocol.settings.sections import Settings, User
+from cogrip.protocol.settings.types import Decimator, Encoder, ServerStep
 
 Scheme = Literal["passive", "paper", "coupling"]
 MOST_FRAMES = 256
@@ -50,7 +52,7 @@ class Form(NamedTuple):
     @property
     def damper_key(self) -> str:
         """Key of [coupling], and field of `Person`, of the damper that a device renders."""
-        return damper_key(self.kind)
+        return COUPLING_KINDS[self.kind].damper.key
 
 
 FORMS: dict[Scheme, Form] = {
@@ -162,17 +164,13 @@ class LinearSession:
 
 def scheme_of(coupling: Coupling) -> Scheme:
     """Return the scheme of the settings. Raises ModelError for one that is not linear."""
-    if coupling.kind == "tdpa":
+    if coupling.traits.linear is None:
         raise ModelError(
-            'coupling.kind = "tdpa": a passivity controller is not linear, so there is no model of it; '
+            f'coupling.kind = "{coupling.kind}": a passivity controller is not linear, so there is no model of it; '
             "`cogrip lab` and `cogrip sweep` run whole sessions of it"
             + (" (coupling.compensate has no effect there)" if coupling.compensate else "")
         )
-    if coupling.kind == "coupling" or coupling.kind == "local":  # each client's own contact is one, without a delay
-        return "coupling"
-    if coupling.kind != "wave":
-        assert_never(coupling.kind)
-    return "paper" if coupling.server_step == "paper" else "passive"
+    return "paper" if coupling.server_step == "paper" else coupling.traits.linear
 
 
 def scheme_overrides(scheme: Scheme) -> dict[str, str]:

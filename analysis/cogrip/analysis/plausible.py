@@ -20,8 +20,9 @@ from cogrip.devices.for_user import address_of, make_for
 from cogrip.devices.replayed.device import ReplayedDevice
 from cogrip.devices.simulated.device import SimulatedDevice
 from cogrip.devices.simulated.hands import DirectedHand, Hand, PushHand
-from cogrip.protocol.setting_types import PLACES
-from cogrip.protocol.settings import Settings, rates_of, seat_axes
+from cogrip.protocol.axes import PLACES
+from cogrip.protocol.settings.room import rates_of, seat_axes
+from cogrip.protocol.settings.sections import Settings
 
 FAR_OUTSIDE = 2.0
 """Distance from a workspace's middle, in half widths, above which a motion is refused: a hand may mean to press a little

@@ -13,7 +13,7 @@ from cogrip.analysis.lifted_model import LiftedModel
 from cogrip.analysis.linear_session import LinearSession, ModelError, linear_session
 from cogrip.analysis.stability import largest_stable, radius
 from cogrip.analysis.state_space import Array
-from cogrip.protocol.settings import Settings
+from cogrip.protocol.settings.sections import Settings
 
 EVERYWHERE_NPM = 20_000.0  # side of a picture in which nothing is unstable
 MOST_CELLS = 2000

@@ -5,20 +5,25 @@ from collections.abc import Iterator
 import numpy as np
 
 from cogrip.analysis.advice import gaps, overloads, unbounded
-from cogrip.analysis.finding import Finding, plain
+from cogrip.analysis.finding import Finding, Level, plain
 from cogrip.analysis.line_advice import free_tool, loop_s, press_n, pressed, stroke_s
 from cogrip.analysis.linear_session import seats_on_devices
+from cogrip.analysis.scene_overlaps import DEEP_M, outside_ranges, overlaps
 from cogrip.devices.for_user import make_for
 from cogrip.machine.addition import add_floats
-from cogrip.protocol.felt_stiffness import felt_stiffness
-from cogrip.protocol.line.delays import line_delay
-from cogrip.protocol.setting_types import GRIP_AXES
-from cogrip.protocol.settings import SeatSettings, Settings, seat_axes
+from cogrip.protocol.axes import GRIP_AXES
+from cogrip.protocol.laws.felt_stiffness import felt_stiffness
+from cogrip.protocol.scene_words import changed_words, left_out_words
+from cogrip.protocol.settings.delays import line_delay
+from cogrip.protocol.settings.room import seat_axes
+from cogrip.protocol.settings.seat import SeatSettings
+from cogrip.protocol.settings.sections import Settings
 from cogrip.server.worlds.local_geometry import local_geometry, unfit_tool
 from cogrip.server.worlds.scene_file import ADDED, CONTACT_RATE_PS2, Scene, scene_of_settings
 from cogrip.server.worlds.scene_shapes import shapes_of
 from cogrip.server.worlds.scene_surfaces import MOST_SCENE_TRIANGLES
 from cogrip.server.worlds.scene_text import MOST_NAMED
+from cogrip.server.worlds.velocity_forces import linked_dofs
 
 
 def scene_findings(settings: Settings) -> list[Finding]:
@@ -36,9 +41,33 @@ def _contact(scene: Scene) -> Iterator[Finding]:
     if scene.filled:
         yield Finding("contact", f"contact that creates no energy is set: {', '.join(scene.filled)}")
     if scene.changed:
-        sets = ", ".join(scene.changed)
-        text = f"the scene sets {sets}, which does not hold: contact that creates no energy is stepped otherwise"
+        yield Finding("contact", changed_words(scene.changed), "note")
+    if any(each.endswith(" margin") and not each.startswith(("joint", "tendon")) for each in scene.own):
+        text = "bodies rest where their surfaces meet, whatever margin the scene sets: MuJoCo alone keeps them that far apart"
         yield Finding("contact", text, "note")
+    option = scene.model.opt
+    if medium := [f"{key} {getattr(option, key):g}" for key in ("density", "viscosity") if getattr(option, key) > 0.0]:
+        wind = f", wind {', '.join(f'{each:g}' for each in option.wind)} m/s" if np.any(option.wind) else ""
+        text = (
+            f"the scene's medium ({', '.join(medium)}{wind}) acts on added tools as on all bodies: nowhere is free air"
+        )
+        yield Finding("medium", text, "note")
+    inside = overlaps(scene)
+    deep: Level = "warning" if any(each.depth_m >= DEEP_M for each in inside) else "note"
+    levels: tuple[tuple[list[str], str, Level], ...] = (
+        ([each.text for each in inside], "pairs of bodies are inside of each other", deep),
+        (outside_ranges(scene), "joints begin outside of their range", "warning"),
+    )
+    for texts, more, level in levels:
+        for text in texts[:MOST_NAMED]:
+            yield Finding("start", text, level)
+        if len(texts) > MOST_NAMED:
+            yield Finding("start", f"{len(texts) - MOST_NAMED} more {more}", level)
+    if len(linked_dofs(scene.model)):
+        text = (
+            "Coriolis and gyroscopic forces of linked bodies are taken at the middle of a step, where they do no work"
+        )
+        yield Finding("motion", text)
     for text in scene.unused:
         yield Finding("not used", text, "note")
     if scene.own:
@@ -61,7 +90,7 @@ def _drawn(scene: Scene) -> Iterator[Finding]:
             )
             yield Finding("drawn", text, "note")
     if drawn.left_out:
-        yield Finding("drawn", f"not drawn: {', '.join(drawn.left_out)}, nor are haze, fog and shadows", "note")
+        yield Finding("drawn", left_out_words(drawn.left_out), "note")
 
 
 def _local(settings: Settings, scene: Scene, seat: SeatSettings) -> Iterator[Finding]:
@@ -85,15 +114,21 @@ def _local(settings: Settings, scene: Scene, seat: SeatSettings) -> Iterator[Fin
         yield Finding("local", text, "note")
 
 
+def felt_npm(scene: Scene, seat: SeatSettings) -> float:
+    """Return the stiffness with which a hand feels a fixed body at rest [N/m] (theory 8.4)."""
+    tool_kg, b = float(scene.model.body_mass[scene.tools[seat.seat].body]), seat.coupling.impedance_nspm
+    contact_npm = CONTACT_RATE_PS2 * (tool_kg + b * float(scene.model.opt.timestep))
+    return felt_stiffness(contact_npm, seat.line_compliance(_loop_frames(seat)))
+
+
 def _felt(settings: Settings, scene: Scene, seat: SeatSettings) -> Iterator[Finding]:
     """Yield the stiffness and the mass that a hand feels (theory 8.4), and whether its task is too much for them."""
     tool_kg, b = float(scene.model.body_mass[scene.tools[seat.seat].body]), seat.coupling.impedance_nspm
-    contact_npm = CONTACT_RATE_PS2 * (tool_kg + b * float(scene.model.opt.timestep))
-    felt_npm = felt_stiffness(contact_npm, seat.line_compliance(_loop_frames(seat)))
+    fixed_npm = felt_npm(scene, seat)
     own = "" if "geom solref" not in scene.own else " where contact is as hard as by default"
     user = settings.users[seat.seat]
-    level, words = pressed(felt_npm, press_n(user))
-    text = f"{seat.user}: a fixed body is felt with {plain(felt_npm)} N/m at rest{own}: {words}"
+    level, words = pressed(fixed_npm, press_n(user))
+    text = f"{seat.user}: a fixed body is felt with {plain(fixed_npm)} N/m at rest{own}: {words}"
     yield Finding("felt", text, level)
     yield free_tool(seat.user, "tool", tool_kg + _line_kg(seat, b), tool_kg, loop_s(seat), stroke_s(user))
 

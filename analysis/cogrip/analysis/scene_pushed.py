@@ -1,10 +1,11 @@
 """Advice on the energy that a scene makes: its tools are pushed at random, and what nobody put in is counted."""
 
-import mujoco  # type: ignore[import-untyped]
 import numpy as np
 
 from cogrip.analysis.finding import Finding, plain
-from cogrip.protocol.settings import Settings, seat_settings
+from cogrip.analysis.scene_overlaps import overlaps
+from cogrip.protocol.settings.room import seat_settings
+from cogrip.protocol.settings.sections import Settings
 from cogrip.server.worlds.scene import SceneWorld
 from cogrip.server.worlds.scene_file import Scene, scene_of_settings
 from cogrip.server.worlds.scene_pushes import MOST_MADE_J, PUSHES, push
@@ -45,11 +46,8 @@ def sets_contact(settings: Settings) -> bool:
 
 def _cure(scene: Scene) -> str:
     """Return what to change in a scene that makes energy."""
-    model = scene.model
     if scene.own:
         return f"leave {', '.join(scene.own)} out of the scene"
-    balls = [joint for joint in range(model.njnt) if model.jnt_type[joint] == mujoco.mjtJoint.mjJNT_BALL]
-    if balls:
-        name = model.joint(balls[0]).name or f"joint {balls[0]}"
-        return f"a body on a ball joint ({name}) gains energy as it spins: take hinges, or give it damping and armature"
+    if inside := overlaps(scene):
+        return inside[0].text
     return "raise object.substeps, or give its joints damping"

@@ -19,10 +19,11 @@ from cogrip.analysis.feel import on_wall, slow_feel
 from cogrip.analysis.lifted_model import LiftedModel
 from cogrip.analysis.linear_session import linear_session
 from cogrip.analysis.stability import Limit, largest_stable
-from cogrip.client.rendered_damper import damper_key, rounded_down
-from cogrip.client.velocity import largest_impedance
+from cogrip.client.hand.velocity import largest_impedance
+from cogrip.client.seat.rendered_damper import rounded_down
 from cogrip.devices.for_user import make_for
-from cogrip.protocol.settings import Settings, rates_of, resolve
+from cogrip.protocol.settings.room import rates_of, resolve
+from cogrip.protocol.settings.sections import Settings
 
 SHARES = tuple(step / 20.0 for step in range(2, 21))
 """Shares of the damper that everybody's device carries, which are tried."""
@@ -58,7 +59,7 @@ def stiffest(settings: Settings, progress: Callable[[int, int], None] = lambda t
 
     Raises ModelError or DeviceError where there is no model, or no such device.
     """
-    key = damper_key(settings.coupling.kind)
+    key = settings.coupling.traits.damper.key
     carried = min(
         largest_impedance(
             make_for(user, settings.object.axes).capability, rates_of(settings, user).tick_s
@@ -76,7 +77,7 @@ def stiffest(settings: Settings, progress: Callable[[int, int], None] = lambda t
 
 def eased(found: Stiffest, damper_share: float, stiffness_share: float) -> Stiffest:
     """Return the same with a share of its b and of its K, where sessions did not confirm it."""
-    key = damper_key(found.settings.coupling.kind)
+    key = found.settings.coupling.traits.damper.key
     damper_nspm, stiffness_npm = (
         rounded_down(damper_share * found.damper_nspm),
         rounded_down(stiffness_share * found.stiffness_npm),

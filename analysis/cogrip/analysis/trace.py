@@ -15,7 +15,6 @@ from numpy.typing import NDArray
 from cogrip.sim.laboratory import Laboratory
 
 Array = NDArray[np.float64]
-OWN_FRAME = ("coupling",)  # kinds whose server answers with the object in each person's own frame
 
 
 @dataclass(frozen=True, slots=True)
@@ -93,7 +92,7 @@ class TraceRecorder:
         rows = np.array(self._motion).reshape(-1, both + 2 * axes)
         each = rows[:, :both].reshape(-1, people, 2, axes)
         position, view = each[:, :, 0], each[:, :, 1]
-        if settings.coupling.kind in OWN_FRAME:
+        if settings.coupling.traits.own_frame:
             reported = view.any(axis=2, keepdims=True)  # before, they see it where it began
             view = np.where(reported, view - np.asarray(world.offset), view)
         place, speed = rows[:, both : both + axes], rows[:, both + axes :]
@@ -110,5 +109,5 @@ class TraceRecorder:
             place,
             np.array(self._work),
             np.array(self._gained) if scene else kinetic + damped,
-            not (scene and settings.coupling.kind in OWN_FRAME),
+            not (scene and settings.coupling.traits.own_frame),
         )

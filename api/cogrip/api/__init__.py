@@ -26,7 +26,7 @@ from cogrip.api.settings import settings
 from cogrip.devices.device import Capability, Device, DeviceError, Sample
 from cogrip.devices.simulated.catalogue import register_hand
 from cogrip.devices.simulated.hands import Hand
-from cogrip.protocol.settings import Settings
+from cogrip.protocol.settings.sections import Settings
 
 __all__ = [
     "ApiError", "Capability", "Client", "Device", "DeviceError", "Frame", "Hand", "HandState", "Run", "Sample", "Session",

@@ -17,9 +17,9 @@ from cogrip.devices.device import Capability, Device, DeviceError, Sample, check
 from cogrip.devices.simulated.ideal import IdealSettings, capability
 from cogrip.devices.steered.device import INPUT_ONLY
 from cogrip.machine.stop import Stop
-from cogrip.protocol.accounts import ClientAccount
-from cogrip.protocol.session import ClientSession
-from cogrip.protocol.settings import SeatSettings
+from cogrip.protocol.settings.seat import SeatSettings
+from cogrip.protocol.wire.accounts import ClientAccount
+from cogrip.protocol.wire.session import ClientSession
 from cogrip.results.folder import client_recording
 from cogrip.sim.link import LinkEmulator
 

@@ -7,7 +7,7 @@ from cogrip.cli.terminal.problem import Problem
 from cogrip.client.io.paths import JoinError
 from cogrip.devices.device import DeviceError
 from cogrip.protocol.recording.reader import RecordingError
-from cogrip.protocol.settings_table import SettingsError
+from cogrip.protocol.settings.table import SettingsError
 
 
 class ApiError(ValueError):

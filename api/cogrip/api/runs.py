@@ -14,7 +14,7 @@ from cogrip.api import frames
 from cogrip.api.errors import as_api_error
 from cogrip.api.settings import Source, settings
 from cogrip.cli.runs.run_folder import new_run_folder
-from cogrip.protocol.settings import Settings
+from cogrip.protocol.settings.sections import Settings
 from cogrip.results.columns import Array
 from cogrip.results.folder import SETTINGS, SUMMARY
 from cogrip.results.laboratory_run import run_laboratory

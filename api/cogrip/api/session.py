@@ -22,7 +22,7 @@ from cogrip.client.observer import ObserverCore
 from cogrip.client.observer_loop import LiveObserver
 from cogrip.devices.device import Device
 from cogrip.machine.stop import Stop
-from cogrip.protocol.session import ClientSession
+from cogrip.protocol.wire.session import ClientSession
 from cogrip.results.folder import SETTINGS, client_log, write_settings
 
 SERVER = "server"

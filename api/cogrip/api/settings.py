@@ -8,7 +8,7 @@ import msgspec
 
 from cogrip.api.errors import as_api_error
 from cogrip.cli.settings.settings_file import from_table, load
-from cogrip.protocol.settings import Settings
+from cogrip.protocol.settings.sections import Settings
 
 Source = str | Path | Mapping[str, Any] | Settings
 """A name of `cogrip configs`, a TOML file, a table of settings, or settings."""

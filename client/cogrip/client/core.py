@@ -2,7 +2,7 @@
 
 Ticks come in two halves, `sense` and `act`. Live they follow each other at once; in virtual time the laboratory puts the
 server's step between them, which is the order of theory section 6. All other inputs are values (`cogrip.client.inputs`), which
-`handle` takes. This module has the session and its timing, `cogrip.client.seated` all that needs a seat.
+`handle` takes. This module has the session and its timing, `cogrip.client.seat.seated` all that needs a seat.
 """
 
 from collections import deque
@@ -10,24 +10,36 @@ from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
 from cogrip.client import inputs
-from cogrip.client.coupling import Coupling
-from cogrip.client.device_port import DevicePort
-from cogrip.client.energy_ledger import EnergyLedger
+from cogrip.client.coupling.interface import Coupling
 from cogrip.client.inputs import ClientInput
 from cogrip.client.markers import Markers
-from cogrip.client.safety import Safety
-from cogrip.client.seat_account import account_of
-from cogrip.client.seated import MakePort, SeatedClient
+from cogrip.client.safety.device_port import DevicePort
+from cogrip.client.safety.energy_ledger import EnergyLedger
+from cogrip.client.safety.limiter import Safety
+from cogrip.client.seat.seat_account import account_of
+from cogrip.client.seat.seated import MakePort, SeatedClient
 from cogrip.devices.device import Capability
 from cogrip.devices.sample import Sample
 from cogrip.machine.histogram import DurationHistogram
 from cogrip.machine.tick_count import Percentiles, TickCount
-from cogrip.protocol.accounts import ClientAccount, DelayAccount
-from cogrip.protocol.messages import Bodies, Effects, Geom, Hello, Mark, Person, SetHand, Stamp, Waves, encode
-from cogrip.protocol.session import ClientSession
-from cogrip.protocol.settings import SeatSettings
+from cogrip.protocol.settings.seat import SeatSettings
+from cogrip.protocol.wire.accounts import ClientAccount, DelayAccount
+from cogrip.protocol.wire.messages import (
+    Bodies,
+    Effects,
+    Geom,
+    Hello,
+    Mark,
+    Note,
+    Person,
+    SetHand,
+    Stamp,
+    Waves,
+    encode,
+)
+from cogrip.protocol.wire.session import ClientSession
 
-TOLD = Person, Bodies, Geom, Mark, SetHand, Effects
+TOLD = Person, Bodies, Geom, Mark, Note, SetHand, Effects
 
 
 class Delays:
@@ -118,7 +130,7 @@ class ClientCore:
         if isinstance(message, Mark) and self.markers.receive(message, seated.settings.seat):
             self.marked.append(message.text)
         if isinstance(message, SetHand):
-            seated.receive_change(message)
+            seated.orders.receive(message)
         if isinstance(message, Effects):
             self.outbox.append(encode(seated.receive_effects(message)))
 
@@ -132,7 +144,7 @@ class ClientCore:
         session.poll(now_ns)
         if session.state != "seated":
             return
-        changes = seated.changes
+        changes = seated.orders.changes
         if self.markers.pending():
             session.outbox.extend(map(encode, self.markers.due(seated.session_id, now_ns)))
         if changes.pending():
@@ -270,7 +282,7 @@ HANDLERS: Mapping[type[ClientInput], Callable[[ClientCore, Any], ClientAccount |
     inputs.Stop: lambda core, given: core._stop(),
     inputs.Rearm: lambda core, given: core._seat.rearm(),
     inputs.Clutch: lambda core, given: core._seat.clutch(given.held),
-    inputs.SetHand: lambda core, given: core._seat.set_hand(given.change),
+    inputs.SetHand: lambda core, given: core._seat.orders.order(given.change),
     inputs.Mark: lambda core, given: core._mark(given.text),
     inputs.CloseLedger: lambda core, given: core._close_ledger(given.ticks),
     inputs.Leave: lambda core, given: core._leave(given.reason),

@@ -9,7 +9,7 @@ import msgspec
 
 from cogrip.devices.device import Capability, DeviceError
 from cogrip.machine.tick_count import TickCount
-from cogrip.protocol.hand_settings import HandChange
+from cogrip.protocol.settings.hand import HandChange
 
 
 def _kind(name: str) -> str:

@@ -11,13 +11,13 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 from cogrip.client import inputs
+from cogrip.client.hand.waiting_hand import WaitingHand
 from cogrip.client.io.exchange import Exchange, Link
 from cogrip.client.io.paths import POLL_S, JoinError, Paths, RefusedError, session_change
 from cogrip.client.markers import MOST_UNANSWERED
 from cogrip.client.recorder import RecordedClient, client_topics
-from cogrip.client.safety import FAULT_OUT_S, State
+from cogrip.client.safety.limiter import FAULT_OUT_S, State
 from cogrip.client.supervised_device import SupervisedDevice
-from cogrip.client.waiting_hand import WaitingHand
 from cogrip.devices.device import Capability, Device, DeviceError
 from cogrip.devices.for_user import first_axes
 from cogrip.devices.simulated.device import SimulatedDevice
@@ -26,16 +26,16 @@ from cogrip.machine.platform import system, time
 from cogrip.machine.realtime import NAMES, Measure, engage, processor_wait, release
 from cogrip.machine.stop import Stop
 from cogrip.machine.tick_count import TickCount
-from cogrip.protocol.accounts import ClientAccount
-from cogrip.protocol.hand_settings import parsed, unfit
 from cogrip.protocol.io.recorder import Recorder, open_recorder
-from cogrip.protocol.link_profile import LinkProfile
-from cogrip.protocol.messages import Farewell, Hello
 from cogrip.protocol.recording.header import Header, versions_here
 from cogrip.protocol.recording.sink import Nowhere, pack
-from cogrip.protocol.session import ClientSession
-from cogrip.protocol.settings import SeatSettings
+from cogrip.protocol.settings.hand import parsed, unfit
+from cogrip.protocol.settings.link_profile import LinkProfile
+from cogrip.protocol.settings.seat import SeatSettings
 from cogrip.protocol.texts import clipped_mark, shown
+from cogrip.protocol.wire.accounts import ClientAccount
+from cogrip.protocol.wire.messages import Farewell, Hello
+from cogrip.protocol.wire.session import ClientSession
 
 CHORES_S = 0.004  # time from one look at paths, orders and the session's end to the next
 NEVER = 2**62  # tick that never comes
@@ -304,10 +304,10 @@ class LiveClient:
 
     def _tell_changes(self) -> None:
         """Tell the person what the administrator has set."""
-        if (seat := self._core.seated) is not None and seat.changes.reported != self._told:
-            if seat.changes.reported:  # else a new session has begun
-                self.say(f"the administrator has set your hand: {seat.changes.holds.text}")
-            self._told = seat.changes.reported
+        if (seat := self._core.seated) is not None and seat.orders.changes.reported != self._told:
+            if seat.orders.changes.reported:  # else a new session has begun
+                self.say(f"the administrator has set your hand: {seat.orders.changes.holds.text}")
+            self._told = seat.orders.changes.reported
 
     def _set_hand(self, seat: SeatSettings, text: str, now_ns: int) -> None:
         """Change the person's own hand settings."""

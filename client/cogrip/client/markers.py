@@ -2,9 +2,10 @@
 
 from collections import deque
 
-from cogrip.protocol.messages import Mark
-from cogrip.protocol.task import EVERYBODY
+from cogrip.protocol.settings.task import EVERYBODY
 from cogrip.protocol.texts import clipped_mark
+from cogrip.protocol.wire.messages import Mark
+from cogrip.protocol.wire.reliable import Unanswered
 
 AGAIN_NS = 100_000_000
 MOST_UNANSWERED = 8
@@ -17,37 +18,30 @@ class Markers:
     def __init__(self) -> None:
         self.refused = 0
         self.everybody = False
-        self._number = 0
-        self._unanswered: deque[tuple[int, str]] = deque()
-        self._next_ns = 0
+        self._unanswered: Unanswered[str] = Unanswered(MOST_UNANSWERED, AGAIN_NS)
         self._known: deque[tuple[int, int]] = deque(maxlen=MOST_KNOWN)
 
     def pending(self) -> bool:
         """Return whether one that was set has not been answered."""
-        return bool(self._unanswered)
+        return bool(self._unanswered.waiting)
 
     def add(self, text: str) -> bool:
         """Set a marker; False where too many are on their way."""
-        if len(self._unanswered) >= MOST_UNANSWERED:
+        if self._unanswered.full:
             self.refused += 1
             return False
-        self._number += 1
-        self._unanswered.append((self._number, clipped_mark(text)))
-        self._next_ns = 0
+        self._unanswered.add(clipped_mark(text))
         return True
 
     def due(self, session: int, now_ns: int) -> list[Mark]:
         """Return the messages to send now."""
-        if not self._unanswered or now_ns < self._next_ns:
-            return []
-        self._next_ns = now_ns + AGAIN_NS
-        return [Mark(session, number, text) for number, text in self._unanswered]
+        return [Mark(session, number, text) for number, text in self._unanswered.due(now_ns)]
 
     def receive(self, mark: Mark, seat: int | None) -> bool:
         """Take in a marker that the server tells. seat: one's own. Returns whether it is new here, and not one's own."""
         own = seat is not None and mark.seat == seat and mark.theirs > 0  # 0: of who had the seat before
         if own:
-            self._unanswered = deque([each for each in self._unanswered if each[0] != mark.theirs])
+            self._unanswered.answered_one(mark.theirs)
         known = mark.number, mark.step  # a server that begins anew counts from 1
         if known in self._known:
             return False

@@ -3,7 +3,7 @@
 from math import nan
 
 from cogrip.protocol.drawing import Shape
-from cogrip.protocol.messages import Bodies, Geom, Pose
+from cogrip.protocol.wire.messages import Bodies, Geom, Note, Pose
 
 UNKNOWN: Pose = (nan,) * 7
 
@@ -19,12 +19,26 @@ class ObservedScene:
         self._session, self._count = session, 0
         self._parts: dict[int, Shape] = {}
         self._poses: dict[int, tuple[int, Pose]] = {}  # body -> step, pose
+        self._notes: dict[int, str] = {}
 
-    def receive(self, message: Geom | Bodies) -> str:
+    def receive(self, message: Geom | Bodies | Note) -> str:
         """Take in a message. Returns why it is dropped, "" where it is not."""
         if message.session != self._session:
             self._begin(message.session)
+        if isinstance(message, Note):
+            return self._receive_note(message)
         return self._receive_shape(message) if isinstance(message, Geom) else self._receive_poses(message)
+
+    def _receive_note(self, note: Note) -> str:
+        if note.number >= note.count:
+            return "unfit"
+        self._notes[note.number] = note.text
+        return ""
+
+    @property
+    def notes(self) -> tuple[str, ...]:
+        """Return the sentences about the room's world that have come, in their order."""
+        return tuple([text for _, text in sorted(self._notes.items())])
 
     def _receive_shape(self, geom: Geom) -> str:
         if geom.number >= geom.count or geom.count != (self._count or geom.count):

@@ -6,9 +6,9 @@ from cogrip.client.inputs import Connect, Leave, Poll, Reached, SessionInput
 from cogrip.client.markers import Markers
 from cogrip.client.observed_scene import ObservedScene
 from cogrip.machine.histogram import DurationHistogram
-from cogrip.protocol.effects import Effect
-from cogrip.protocol.messages import Bodies, Effects, Geom, Mark, Person, View
-from cogrip.protocol.session import ClientSession
+from cogrip.protocol.settings.effects import Effect
+from cogrip.protocol.wire.messages import Bodies, Effects, Geom, Mark, Note, Person, View
+from cogrip.protocol.wire.session import ClientSession
 
 MOST_MARKED = 64  # most markers kept for an owner that does not read them
 GONE_NS = 1_000_000_000
@@ -20,7 +20,7 @@ class ObserverCore:
 
     people   seat -> newest message about who has it; those without one for GONE_NS are left out. An older server sends none
     marked   markers that came, for its owner to empty
-    scene    shapes and poses of a scene's bodies
+    scene    shapes and poses of a scene's bodies, and sentences about it
     effects  haptic effects of the room by number, places in the object's frame
     """
 
@@ -71,7 +71,7 @@ class ObserverCore:
         if isinstance(message, Effects):
             self._receive_effects(message)
             return
-        if isinstance(message, Bodies | Geom):
+        if isinstance(message, Bodies | Geom | Note):
             if reason := self.scene.receive(message):
                 self.session.drop(reason)
             return

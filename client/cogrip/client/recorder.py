@@ -11,18 +11,17 @@ from typing import Any
 import msgspec
 
 from cogrip.client.core import ClientCore
-from cogrip.client.device_port import DevicePort
 from cogrip.client.inputs import ClientInput
-from cogrip.client.seated import MakePort
+from cogrip.client.safety.device_port import DevicePort
+from cogrip.client.seat.seated import MakePort
 from cogrip.client.tick_record import TickRecord
 from cogrip.devices.device import Capability
 from cogrip.devices.sample import Sample
-from cogrip.protocol.accounts import ClientAccount
-from cogrip.protocol.hello_padding import with_short_device, with_whole_device
-from cogrip.protocol.messages import Hello
 from cogrip.protocol.recording.records import Datagram, Event, Ledger
 from cogrip.protocol.recording.secrets import without_secrets
 from cogrip.protocol.recording.sink import CoreRecorder, ObservedQueue, Sink, encode, topics
+from cogrip.protocol.wire.accounts import ClientAccount
+from cogrip.protocol.wire.messages import Hello, with_short_device, with_whole_device
 
 KINDS = ("tick", "datagram_in", "datagram_out", "input", "event", "account", "gap", "clock")
 TICK, DATAGRAM_IN, DATAGRAM_OUT, INPUT, EVENT, ACCOUNT = range(6)

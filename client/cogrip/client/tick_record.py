@@ -8,7 +8,7 @@ from collections.abc import Callable, Iterable, Sequence
 from math import inf, isfinite, nan
 from typing import TYPE_CHECKING, Any
 
-from cogrip.client.seated import SeatedClient
+from cogrip.client.seat.seated import SeatedClient
 from cogrip.client.tick_packing import BEGIN, pack_tick
 from cogrip.devices.sample import Sample
 from cogrip.machine.addition import add_floats
@@ -63,7 +63,7 @@ class TickRecord:
     ) -> bytes:  # fmt: skip
         """Return the record of the tick that has been sensed with this sample and has given this force. timing: see `Tick`."""
         coupling, ledger, port = seat.coupling, seat.ledger, seat.port
-        velocity = tuple(seat.hand.velocity_mps if seat._axis_units is None else seat.twist)
+        velocity = tuple(seat.twist)
         position = given = unfit = orientation = grip_m = None
         age_ticks = buttons = 0
         if sample is not None:

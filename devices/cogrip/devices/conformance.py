@@ -14,9 +14,9 @@ from cogrip.devices.plausibility import AGE, DRIFT, JUMP, OLD, ForceReports, Pla
 from cogrip.devices.response import RATE_HZ, faults
 from cogrip.devices.way_in import into_box
 from cogrip.machine.addition import add_floats
-from cogrip.protocol.handle import is_unit
-from cogrip.protocol.rates import LEAST_DEVICE_HZ
-from cogrip.protocol.setting_types import GRIP_AXES, PLACES, POSE_AXES
+from cogrip.protocol.axes import GRIP_AXES, PLACES, POSE_AXES
+from cogrip.protocol.settings.rates import LEAST_DEVICE_HZ
+from cogrip.protocol.wire.handle import is_unit
 
 FEW_TICKS = 40
 JUDGED_TICKS = 160

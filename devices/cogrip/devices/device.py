@@ -20,10 +20,12 @@ from typing import Any, Protocol
 import msgspec
 
 from cogrip.devices.sample import Sample as Sample  # for drivers: part of the interface
-from cogrip.protocol.handle import MOST_BUTTONS
-from cogrip.protocol.rates import LEAST_DEVICE_HZ
-from cogrip.protocol.setting_types import GRIP_AXES, POSE_AXES
+from cogrip.protocol.axes import GRIP_AXES, POSE_AXES
+from cogrip.protocol.settings.rates import LEAST_DEVICE_HZ
+from cogrip.protocol.wire.handle import MOST_BUTTONS
 
+MOST_SLOPE_NPS = 1000.0
+"""Largest slope of any force, whatever the record says: 2000 N/m met at 0.5 m/s (docs/security.md)."""
 LARGEST = 1e6  # largest number in a record: what is above is no bound
 GRAVITY_MPS2 = 9.81
 MOST_HANDLE_KG = 5.0

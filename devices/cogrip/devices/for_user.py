@@ -4,8 +4,9 @@ from collections.abc import Mapping, Sequence
 
 from cogrip.devices.device import Capability, Device, DeviceError, Sample, defects_named
 from cogrip.devices.registry import make, record_of
-from cogrip.protocol.setting_types import GRIP_AXES, PINCH
-from cogrip.protocol.settings import User
+from cogrip.protocol.axes import GRIP_AXES
+from cogrip.protocol.settings.sections import User
+from cogrip.protocol.settings.types import PINCH
 
 HANDLESS = ("sim:", "emulated:")  # devices that need a simulated hand
 

@@ -22,7 +22,7 @@ from math import hypot, isfinite, sqrt
 from cogrip.devices.device import Capability
 from cogrip.devices.sample import Sample
 from cogrip.machine.addition import add_floats
-from cogrip.protocol.setting_types import PLACES, POSE_AXES
+from cogrip.protocol.axes import PLACES, POSE_AXES
 
 HAND_MPS2 = 200.0  # peak acceleration of what a hand holds; recorded strokes stay below 100
 HAND_MPS = 0.6  # speed that a hand, or a blow, adds to a handle within a few milliseconds

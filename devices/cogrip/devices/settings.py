@@ -13,7 +13,7 @@ import msgspec
 from msgspec import Meta
 
 from cogrip.devices.device import DeviceError
-from cogrip.protocol.setting_errors import expects, plain
+from cogrip.protocol.settings.errors import expects, plain
 
 Setting: TypeAlias = str | float | Sequence[float]
 """A value as it comes: text from an address, or a number or numbers from Python."""

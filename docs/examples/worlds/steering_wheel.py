@@ -14,7 +14,7 @@ from math import cos, sin
 import numpy as np
 
 from cogrip.protocol.drawing import Shape
-from cogrip.protocol.settings import SeatSettings
+from cogrip.protocol.settings.seat import SeatSettings
 from cogrip.server.worlds.tool_world import ToolWorld
 from cogrip.server.worlds.world import Array
 

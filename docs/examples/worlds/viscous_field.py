@@ -11,7 +11,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from cogrip.protocol.settings import SeatSettings
+from cogrip.protocol.settings.seat import SeatSettings
 from cogrip.server.worlds.tool_world import ToolWorld
 from cogrip.server.worlds.world import Array
 

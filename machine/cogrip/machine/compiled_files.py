@@ -29,12 +29,19 @@ def folders_of_parts() -> dict[str, Path]:
     return {name: Path(spec.origin).parent for name, spec in found.items() if spec and spec.origin}
 
 
-def outdated(folders: Iterable[str] = ()) -> list[str]:
+def types_folder() -> Path:
+    """Return the folder of what a compiler alone reads: a tree with the places of the modules, in a checkout or in a wheel."""
+    here = Path(__file__).resolve().parent
+    installed = here / "compiled"
+    return installed if installed.exists() else here.parents[2] / "compiled"
+
+
+def outdated(folders: Iterable[str] = (), types: Path | None = None) -> list[str]:
     """Return the names of modules that were changed after something was compiled: Python would run what is older.
 
     A compiled module has the values of constants of other modules in it, so all beside compiled ones count. So does one whose
     library is gone: what is left of it is a link.
-    folders: to look below; `folders_of_parts` if none is given
+    folders: to look below, `folders_of_parts` if none is given; types: `types_folder` if none is given
     """
     looked = map(Path, folders or folders_of_parts().values())
     compiled = {folder: list(folder.rglob(f"*{SUFFIX}")) for folder in looked}
@@ -42,9 +49,8 @@ def outdated(folders: Iterable[str] = ()) -> list[str]:
     since_ns = min(
         (each.stat().st_mtime_ns for made in compiled.values() for each in made if each not in gone), default=0
     )
-    sources = (
-        each for folder, made in compiled.items() if made for each in folder.rglob("*.p*") if each.suffix in SOURCES
-    )
+    read = [folder for folder, made in compiled.items() if made] + [types_folder() if types is None else types]
+    sources = (each for folder in read for each in folder.rglob("*.p*") if each.suffix in SOURCES)
     newer = {each.stem for each in sources if each.stat().st_mtime_ns > since_ns} if since_ns else set()
     return sorted(newer | {each.name.partition(".")[0] for each in gone})
 
@@ -52,17 +58,18 @@ def outdated(folders: Iterable[str] = ()) -> list[str]:
 def compiled_modules() -> Mapping[str, bool]:
     """Return for each module that `dev.py compile` compiles, by name, whether its compiled form is there.
 
-    Those are the modules with a `.pxd` or `.pyx` file beside them; one with a `.pyx` has no interpreted form. Python imports a
-    compiled form wherever there is one. Nothing is imported here.
+    Those are the modules with a `.pxd` or `.pyx` file in `types_folder`; one with a `.pyx` has no interpreted form, but where a
+    `.py` has its name. Python imports a compiled form wherever there is one. Nothing is imported here.
     """
     found: dict[str, bool] = {}
-    for package, folder in folders_of_parts().items():
-        for types in folder.rglob("*.p[xy][dx]"):
-            if types.stem not in LINUX_ONLY or system.LINUX:
-                name = ".".join((package, *types.relative_to(folder).with_suffix("").parts))
-                found.setdefault(
-                    name, any(types.with_name(types.stem + suffix).exists() for suffix in EXTENSION_SUFFIXES)
-                )
+    types, parts = types_folder(), folders_of_parts()
+    for each in sorted(types.rglob("*.p[xy][dx]")):
+        within = each.relative_to(types).with_suffix("")
+        folder = parts.get(".".join(within.parts[:2]))
+        if folder and (each.stem not in LINUX_ONLY or system.LINUX):
+            place = folder.joinpath(*within.parts[2:])
+            here = any(place.with_name(each.stem + suffix).exists() for suffix in EXTENSION_SUFFIXES)
+            found.setdefault(".".join(within.parts), here)
     return found
 
 

@@ -1,7 +1,7 @@
 """Records as columns: the one place that knows which columns the records of a topic fill, and how their values are read.
 
 A vector has a column for each axis (`position_m_x`); the fields of a seat stand under its person (`anna.proxy_m_x`); accounts,
-which are JSON arrays in the order of the fields of `cogrip.protocol.accounts`, are spread out (`link_up_lost`,
+which are JSON arrays in the order of the fields of `cogrip.protocol.wire.accounts`, are spread out (`link_up_lost`,
 `ticks_late_us_p99`). Values that are null, or missing at the end of an account of an earlier version, are None.
 """
 
@@ -17,11 +17,11 @@ from numpy.typing import NDArray
 
 from cogrip.machine.addition import add_integers
 from cogrip.machine.tick_count import TickCount
-from cogrip.protocol.accounts import ClientAccount, LinkCount, RoomAccount, SeatAccount
+from cogrip.protocol.axes import GRIP_AXES, PLACES
 from cogrip.protocol.recording.records import Datagram, Ledger, Poses, Record, Row, SeatStep, Sensors, Step, Tick
 from cogrip.protocol.recording.schema import unit_of
-from cogrip.protocol.setting_types import GRIP_AXES, PLACES
-from cogrip.protocol.settings import seat_axes
+from cogrip.protocol.settings.room import seat_axes
+from cogrip.protocol.wire.accounts import ClientAccount, LinkCount, RoomAccount, SeatAccount
 from cogrip.server.recorder import address_of, start_of
 
 Array = NDArray[Any]

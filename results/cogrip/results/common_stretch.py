@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cogrip.machine.addition import add_floats
-from cogrip.protocol.setting_types import PLACES
+from cogrip.protocol.axes import PLACES
 from cogrip.results.summary_values import Summary, dig, is_number
 from cogrip.results.traces import Columns, Run, Trace
 

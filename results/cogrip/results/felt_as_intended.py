@@ -20,8 +20,8 @@ MOST_MOVED = 0.01
 MOST_SHAKEN_N = 0.15
 """Largest rms of a force above 12 Hz that may last for half a second.
 
-Hands detect less (`cogrip.client.shaking` has the sources), so that the number is told in any case; this is 6 % of 2.5 N,
-of which a hand tells 7 % apart (Pang, Tan and Durlach 1991).
+Hands detect less (`cogrip.client.safety.shaking` has the sources), so that the number is told in any case; this is 6 % of
+2.5 N, of which a hand tells 7 % apart (Pang, Tan and Durlach 1991).
 """
 STIFFNESS_JND = 0.23
 """Fraction by which two stiffnesses differ before a hand tells them apart (Jones and Hunter 1990)."""

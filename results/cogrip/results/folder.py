@@ -10,9 +10,9 @@ from typing import Any
 
 import msgspec
 
-from cogrip.protocol.accounts import ClientAccount
-from cogrip.protocol.settings import Settings
+from cogrip.protocol.settings.sections import Settings
 from cogrip.protocol.texts import shown
+from cogrip.protocol.wire.accounts import ClientAccount
 
 _MOST_LOG, _MOST_TOLD = 1_000_000, 20  # most characters and lines of a log that are read: anybody may have written it
 SUMMARY = "summary.json"

@@ -14,7 +14,8 @@ from cogrip.machine.stop import Stop
 from cogrip.protocol.recording.header import Header, versions_here
 from cogrip.protocol.recording.sink import Sink
 from cogrip.protocol.recording.writer import RecordingWriter
-from cogrip.protocol.settings import Settings, rates_of
+from cogrip.protocol.settings.room import rates_of
+from cogrip.protocol.settings.sections import Settings
 from cogrip.results.folder import SERVER_RECORDING, client_recording, write_settings, write_summary
 from cogrip.results.summary import of_laboratory
 from cogrip.server.recorder import WHO, RecordedServer

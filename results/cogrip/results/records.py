@@ -24,7 +24,7 @@ import numpy as np
 from cogrip.protocol.recording.folder import RECOVERED, recordings_of
 from cogrip.protocol.recording.reader import Damage, Recording, RecordingError, open_recording
 from cogrip.protocol.recording.records import KINDS, kind_of
-from cogrip.protocol.settings import Settings
+from cogrip.protocol.settings.sections import Settings
 from cogrip.results.columns import Array, Layout, layout_of
 from cogrip.results.folder import CLOCKS
 from cogrip.server.recorder import WHO, step_topic

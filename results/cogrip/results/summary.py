@@ -11,13 +11,22 @@ from msgspec.structs import replace
 from cogrip.client.inputs import CloseLedger
 from cogrip.machine.addition import add_integers
 from cogrip.machine.tick_count import Percentiles, TickCount
-from cogrip.protocol.accounts import ClientAccount, DelayAccount, DeviceAccount, LinkCount, RoomAccount, SeatAccount
-from cogrip.protocol.coupling_kinds import lent_mj
-from cogrip.protocol.hand_settings import HandChange, of_seat
-from cogrip.protocol.messages import Farewell
-from cogrip.protocol.setting_types import GRIP_AXES
-from cogrip.protocol.settings import SeatSettings, Settings, seat_settings
+from cogrip.protocol.axes import GRIP_AXES
+from cogrip.protocol.settings.coupling_kinds import lent_mj
+from cogrip.protocol.settings.hand import HandChange
+from cogrip.protocol.settings.room import seat_settings
+from cogrip.protocol.settings.seat import SeatSettings
+from cogrip.protocol.settings.sections import Settings
 from cogrip.protocol.texts import shown
+from cogrip.protocol.wire.accounts import (
+    ClientAccount,
+    DelayAccount,
+    DeviceAccount,
+    LinkCount,
+    RoomAccount,
+    SeatAccount,
+)
+from cogrip.protocol.wire.messages import Farewell
 from cogrip.results.felt_as_intended import not_predicted
 from cogrip.results.incidents import INCIDENTS
 from cogrip.results.verdict import passive_of
@@ -115,11 +124,11 @@ def _of_room(
     summary = _of_settings(
         room.settings, room.settings.name, seconds, users, room.account(), {**dropped, **_limited(room)}, claims
     )
-    if (ledger := room.world.limiter_account()) is not None:
+    if (ledger := room.world.accounts.limiter()) is not None:
         summary["server"]["energy_limiter"] = ledger
-    if (task := room.world.task_account()) is not None:
+    if (task := room.world.progress.account()) is not None:
         summary["task"] = task
-    if (scene := room.world.scene_account()) is not None:
+    if (scene := room.world.accounts.scene()) is not None:
         summary["server"]["scene"] = scene
     if room.left:
         summary["server"]["left"] = [departure.table for departure in room.left]
@@ -140,7 +149,7 @@ def of_client(
 ) -> dict[str, Any]:
     """Return the summary that one live client can give: the server's part as far as it said goodbye."""
     told = farewell.seat if farewell else None
-    user = UserRecord(seat.user, account, told, (), seat.asked_npm, seat.local_contact, of_seat(seat))
+    user = UserRecord(seat.user, account, told, (), seat.asked_npm, seat.local_contact, seat.hand_change)
     summary = _of_settings(seat, seat.room, seconds, [user], farewell.room if farewell else None, dropped)
     if trial:
         summary["users"][0]["device_trial"] = trial

@@ -3,7 +3,7 @@
 import math
 from typing import Any
 
-from cogrip.protocol.coupling_kinds import COUPLING_KINDS, CouplingKind, lent_mj
+from cogrip.protocol.settings.coupling_kinds import COUPLING_KINDS, CouplingKind, lent_mj
 
 Summary = dict[str, Any]
 UNKNOWN = "not known"

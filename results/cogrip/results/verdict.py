@@ -7,7 +7,7 @@ judged (`lab`, `demo`, `join`, `serve`, reports, `runs`, `compare`, exit codes);
 from __future__ import annotations
 
 from cogrip.machine.addition import add_floats
-from cogrip.protocol.coupling_kinds import UNLENT_MJ
+from cogrip.protocol.settings.coupling_kinds import UNLENT_MJ
 from cogrip.results.felt_as_intended import felt_as_intended
 from cogrip.results.incidents import incidents, is_unstable, why_unstable
 from cogrip.results.judgement import Judgement, Row, names_of, occupied, some

@@ -2,6 +2,7 @@
 
 from collections.abc import Iterator
 
+from cogrip.protocol.scene_words import as_sentence, unused_words
 from cogrip.results.judgement import Tone, never_taken
 from cogrip.results.summary_values import (
     Summary,
@@ -38,7 +39,7 @@ def verdict(summary: Summary, credit_j: float | None = None) -> list[tuple[Tone,
 def notes(summary: Summary) -> Iterator[tuple[Tone, str, str]]:
     """Yield sentences beside the three judgements, each with its tone and, in a word or two, its subject."""
     for about, sentences in (
-        ("energy balance", _balance), ("energy limiter", _limited), ("not used", _unused),
+        ("energy balance", _balance), ("energy limiter", _limited), ("not used", _unused), ("mocap bodies", _slowed),
         ("ended badly", _states), ("late frames", _late), ("ticks missed", _loops),
     ):  # fmt: skip
         for tone, sentence in sentences(summary):
@@ -69,12 +70,23 @@ def _limited(summary: Summary) -> Iterator[tuple[Tone, str]]:
 
 
 def _sources(summary: Summary) -> str:
+    if dig(summary, "server", "scene", "mocap_slowed") is not None:
+        return "contacts, actuators or script"
     return "contacts or actuators" if dig(summary, "server", "scene", "actuators") else "contacts"
 
 
 def _unused(summary: Summary) -> Iterator[tuple[Tone, str]]:
     if texts := dig(summary, "server", "scene", "unused"):
-        yield "warn", f"What nothing here uses of the scene: {'; '.join(map(str, texts))}."
+        yield "warn", as_sentence(unused_words([str(text) for text in texts]))
+
+
+def _slowed(summary: Summary) -> Iterator[tuple[Tone, str]]:
+    times = dig(summary, "server", "scene", "mocap_slowed")
+    if is_number(times) and times > 0:
+        yield (
+            "warn",
+            f"A script put mocap bodies farther than they may go, {times:g} times: they went as fast as they may.",
+        )
 
 
 def _states(summary: Summary) -> Iterator[tuple[Tone, str]]:

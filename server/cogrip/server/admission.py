@@ -8,7 +8,7 @@ from typing import Protocol
 
 import msgspec
 
-from cogrip.protocol.messages import Hello, Role
+from cogrip.protocol.wire.messages import Hello, Role
 
 
 class Grant(msgspec.Struct, frozen=True, tag="grant", omit_defaults=True):

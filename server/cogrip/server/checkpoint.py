@@ -7,8 +7,8 @@ nothing that was lost can push it.
 import msgspec
 
 from cogrip.protocol.foreign_file import ForeignFileError
-from cogrip.protocol.tool_frame import ToolFrame
-from cogrip.server.seat_limits import Record
+from cogrip.protocol.settings.tool_frame import ToolFrame
+from cogrip.server.ports.seat_limits import Record
 
 VERSION = 1
 

@@ -5,31 +5,43 @@ from typing import Any
 
 from msgspec.structs import replace
 
-from cogrip.protocol import messages
-from cogrip.protocol.accounts import SeatAccount
-from cogrip.protocol.channel import Address
-from cogrip.protocol.hand_settings import unfit
-from cogrip.protocol.messages import Edges, Effects, Farewell, Frame, Heartbeat, Hello, Leave, Mark, Restart, SetHand
-from cogrip.protocol.rates import NS_PER_S
-from cogrip.protocol.received_waves import ReceivedWaves
-from cogrip.protocol.session import LOST_NS, QUIET_NS, foreign_version, nonce_of, version_mismatch
-from cogrip.protocol.settings import Settings
+from cogrip.protocol.line.received_waves import ReceivedWaves
+from cogrip.protocol.secure.channel import Address
+from cogrip.protocol.settings.hand import unfit
+from cogrip.protocol.settings.rates import NS_PER_S
+from cogrip.protocol.settings.sections import Settings
 from cogrip.protocol.texts import clipped, shown
+from cogrip.protocol.wire import messages
+from cogrip.protocol.wire.accounts import SeatAccount
+from cogrip.protocol.wire.messages import (
+    FRAMES,
+    Edges,
+    Effects,
+    Farewell,
+    Frame,
+    Heartbeat,
+    Hello,
+    Leave,
+    Mark,
+    Restart,
+    SetHand,
+)
+from cogrip.protocol.wire.session import LOST_NS, QUIET_NS, foreign_version, nonce_of, version_mismatch
 from cogrip.server import inputs
 from cogrip.server.admission import AdmissionServices, Denied
 from cogrip.server.checkpoint import RoomCheckpoint
 from cogrip.server.events import ServerEvent
 from cogrip.server.joining import Joining
 from cogrip.server.outputs import Outputs
-from cogrip.server.participants import Observer, Seat
 from cogrip.server.room import Room
-from cogrip.server.schemes import FRAMES
 from cogrip.server.seat_assignment import Place, SeatTable
+from cogrip.server.seats.participants import Observer, Seat
 
 MOST_BYTES = messages.MAX_MESSAGE_BYTES
 FAREWELL_EVERY_NS = 50_000_000  # time between two farewells to a client that has not received one
 
-FROM_CLIENTS = (*FRAMES, Edges, Heartbeat, Leave, Mark, SetHand, Effects)
+_FRAMES = tuple(FRAMES.values())
+FROM_CLIENTS = (*_FRAMES, Edges, Heartbeat, Leave, Mark, SetHand, Effects)
 
 
 class ServerCore:
@@ -199,7 +211,7 @@ class ServerCore:
             observer.clock.read(message.stamp, now_ns)
         elif isinstance(message, Leave):
             self._end_observer(room, observer, "goodbye", "left", f"left: {shown(message.reason)}")
-        elif isinstance(message, FRAMES):
+        elif isinstance(message, _FRAMES):
             self._drop("observer's waves")
             reason = "an observer may not send waves: they were not applied; join with a player's link"
             self._end_observer(room, observer, reason, "kicked", f"was kicked: {reason}")

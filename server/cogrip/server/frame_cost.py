@@ -8,13 +8,14 @@ from collections.abc import Callable
 from statistics import median
 from typing import NamedTuple
 
+from cogrip.protocol.axes import PLACES, POSE_AXES
 from cogrip.protocol.line.sender import LineSender
-from cogrip.protocol.messages import Frame, Power, Stamp, State, Waves, decode, encode
-from cogrip.protocol.rates import NS_PER_S
-from cogrip.protocol.setting_types import PLACES, POSE_AXES
-from cogrip.protocol.settings import SeatSettings, Settings
+from cogrip.protocol.settings.rates import NS_PER_S
+from cogrip.protocol.settings.seat import SeatSettings
+from cogrip.protocol.settings.sections import Settings
+from cogrip.protocol.wire.messages import Frame, Power, Stamp, State, Waves, decode, encode
+from cogrip.server.ports.seat_limits import Record
 from cogrip.server.room import Room
-from cogrip.server.seat_limits import Record
 
 SPENT_NS = 250_000_000  # time that the measurement takes at most, with the last frame on top
 PAUSE_NS = NS_PER_S // 128

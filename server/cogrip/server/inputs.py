@@ -6,7 +6,7 @@ from typing import Annotated
 
 import msgspec
 
-from cogrip.protocol.hand_settings import HandChange
+from cogrip.protocol.settings.hand import HandChange
 from cogrip.server.checkpoint import RoomCheckpoint
 
 

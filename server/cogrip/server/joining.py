@@ -2,19 +2,19 @@
 
 from msgspec.structs import replace
 
-from cogrip.protocol import messages
-from cogrip.protocol.channel import Address, place_text
-from cogrip.protocol.clock import Clock
-from cogrip.protocol.messages import PROTOCOL_VERSION, Hello, Role, Welcome
-from cogrip.protocol.session import refusal, version_mismatch
+from cogrip.protocol.secure.channel import Address, place_text
 from cogrip.protocol.texts import shown
+from cogrip.protocol.wire import messages
+from cogrip.protocol.wire.clock import Clock
+from cogrip.protocol.wire.messages import PROTOCOL_VERSION, Hello, Role, Welcome
+from cogrip.protocol.wire.session import refusal, version_mismatch
 from cogrip.server.admission import AdmissionServices, Denied, Grant
 from cogrip.server.events import ServerEvent
 from cogrip.server.outputs import Outputs
-from cogrip.server.participants import Observer, Seat
+from cogrip.server.ports.seat_limits import record_of
 from cogrip.server.room import Room
 from cogrip.server.seat_assignment import SeatTable, find_observer_slot, find_seat
-from cogrip.server.seat_limits import record_of
+from cogrip.server.seats.participants import Observer, Seat
 
 
 class Joining:

@@ -2,11 +2,11 @@
 
 from collections import Counter, deque
 
-from cogrip.protocol import messages
-from cogrip.protocol.channel import Address, place_text
+from cogrip.protocol.secure.channel import Address, place_text
+from cogrip.protocol.wire import messages
 from cogrip.server.events import ServerEvent
-from cogrip.server.participants import Participant
 from cogrip.server.room import Room
+from cogrip.server.seats.participants import Participant
 
 
 class Outputs:

@@ -9,8 +9,8 @@ import ipaddress
 from array import array
 from typing import NamedTuple
 
-from cogrip.protocol.channel import Address
-from cogrip.protocol.messages import MAX_DATAGRAM_BYTES
+from cogrip.protocol.secure.channel import Address
+from cogrip.protocol.wire.messages import MAX_DATAGRAM_BYTES
 
 SECOND_NS = 1_000_000_000
 

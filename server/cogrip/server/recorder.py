@@ -11,9 +11,7 @@ import msgspec
 import numpy as np
 
 from cogrip.machine.tick_count import TickCount
-from cogrip.protocol.button_edges import edge_words
-from cogrip.protocol.channel import Address
-from cogrip.protocol.messages import Hello
+from cogrip.protocol.axes import PLACES
 from cogrip.protocol.recording.derived import derived_topics
 from cogrip.protocol.recording.records import (
     Answer,
@@ -29,15 +27,17 @@ from cogrip.protocol.recording.records import (
 )
 from cogrip.protocol.recording.secrets import without_secrets
 from cogrip.protocol.recording.sink import CoreRecorder, ObservedQueue, Sink, encode, topics
-from cogrip.protocol.setting_types import PLACES
-from cogrip.protocol.settings import Settings
+from cogrip.protocol.secure.channel import Address
+from cogrip.protocol.settings.sections import Settings
+from cogrip.protocol.wire.button_edges import edge_words
+from cogrip.protocol.wire.messages import Hello
 from cogrip.server.admission import AdmissionServices, Authenticator, Denied, Grant
 from cogrip.server.core import ServerCore
 from cogrip.server.events import ServerEvent
 from cogrip.server.inputs import CloseLedger, Idle, ServerInput
-from cogrip.server.observers import VIEWS_HZ
 from cogrip.server.outputs import Outputs
 from cogrip.server.room import Room
+from cogrip.server.seats.observers import VIEWS_HZ
 
 WHO = "server"
 KINDS = ("datagram_in", "datagram_out", "input", "answer", "event", "account", "gap", "clock")
@@ -88,8 +88,8 @@ class RecordedServer(ServerCore):
         self.timing = {room.name: (0, 0, 0) for room in self.rooms}
         self._address_texts: dict[Address, str] = {}
         self._idle_steps: dict[str, int] = {}
-        scenes = [room.name for room in self.rooms if room.world.geoms()]
-        measured = [room.name for room in self.rooms if room.world.sensor_names()]
+        scenes = [room.name for room in self.rooms if room.world.drawing.shapes()]
+        measured = [room.name for room in self.rooms if room.world.accounts.sensor_names()]
         self.topics = server_topics([room.name for room in self.rooms], scenes, measured)
         self._sensor_topic = {room: self.topics.index(sensor_topic(room)) for room in measured}
         self._named: set[str] = set()  # rooms whose sensors' names were recorded
@@ -205,22 +205,20 @@ class RecordedServer(ServerCore):
                 self._put_sensors(room)
 
     def _put_bodies(self, room: Room) -> None:
-        topic, world = self._scene_topic[room.name], room.world
+        topic, world, drawing = self._scene_topic[room.name], room.world, room.world.drawing
         offset = world.offset[:, :PLACES].tobytes()
         if self._drawn.get(room.name) != offset:
             self._drawn[room.name] = offset
             places = np.zeros((len(world.offset), PLACES))
             places[:, : min(PLACES, world.axes)] = world.offset[:, :PLACES]
-            self.put(
-                topic,
-                Geoms(tuple(world.geoms()), tuple(places.ravel().tolist()), tuple(world.not_drawn()) or msgspec.UNSET),
-            )
-        self.put(topic + 1, Poses(room.steps, tuple(world.poses_of_bodies().ravel().tolist())))
+            left_out = tuple(drawing.left_out()) or msgspec.UNSET
+            self.put(topic, Geoms(tuple(drawing.shapes()), tuple(places.ravel().tolist()), left_out))
+        self.put(topic + 1, Poses(room.steps, tuple(drawing.poses().ravel().tolist())))
 
     def _put_sensors(self, room: Room) -> None:
-        names = () if room.name in self._named else tuple(room.world.sensor_names())
+        names = () if room.name in self._named else tuple(room.world.accounts.sensor_names())
         self._named.add(room.name)
-        self.put(self._sensor_topic[room.name], Sensors(room.steps, names, room.world.sensors()))
+        self.put(self._sensor_topic[room.name], Sensors(room.steps, names, room.world.accounts.sensors()))
 
     def _put_waiting(self) -> None:
         if self._stepped is not None:
@@ -288,7 +286,7 @@ def _seat_step(room: Room, number: int) -> SeatStep:
     return SeatStep(
         seat.settings.user, True, world.proxy_of(number), world.force_of(number),
         port.up_margin_j, seat.line_margin_j, port.used_j, port.made_j, port.lost,
-        port.up_reserve.now_j, seat.line_reserve.now_j, *world.contact_of(number),
+        port.up_reserve.now_j, seat.line_reserve.now_j, *world.accounts.contact(number),
         handle.buttons, *handle.popped, handle.orientation, handle.grip_m,
     )  # fmt: skip
 

@@ -8,32 +8,33 @@ import numpy as np
 from msgspec.structs import replace
 
 from cogrip.machine.tick_count import TickCount
-from cogrip.protocol import messages
-from cogrip.protocol.accounts import RoomAccount, SeatAccount
-from cogrip.protocol.button_edges import EdgeReceiver, bits_of
-from cogrip.protocol.channel import Address
-from cogrip.protocol.clock import Clock
-from cogrip.protocol.effects import Effect
-from cogrip.protocol.hand_settings import HandChange
 from cogrip.protocol.line.energy_reserve import EnergyReserve
-from cogrip.protocol.messages import Heartbeat, Mark, Waves
-from cogrip.protocol.rates import NS_PER_S
-from cogrip.protocol.session import LOST_NS
-from cogrip.protocol.settings import Settings, seat_settings
-from cogrip.protocol.settings_digest import digest
+from cogrip.protocol.secure.channel import Address
+from cogrip.protocol.settings.digest import digest
+from cogrip.protocol.settings.effects import Effect
+from cogrip.protocol.settings.hand import HandChange
+from cogrip.protocol.settings.rates import NS_PER_S
+from cogrip.protocol.settings.room import seat_settings
+from cogrip.protocol.settings.sections import Settings
+from cogrip.protocol.wire import messages
+from cogrip.protocol.wire.accounts import RoomAccount, SeatAccount
+from cogrip.protocol.wire.button_edges import EdgeReceiver, bits_of
+from cogrip.protocol.wire.clock import Clock
+from cogrip.protocol.wire.messages import FRAMES, Heartbeat, Mark, Waves
+from cogrip.protocol.wire.session import LOST_NS
 from cogrip.server.checkpoint import VERSION, CheckpointError, RoomCheckpoint
-from cogrip.server.departures import Departure, let_leave, watch_object
-from cogrip.server.effects import EffectSender, RoomEffects
-from cogrip.server.geometry_sender import GeometrySender
-from cogrip.server.hand_changes import HandChanges
-from cogrip.server.markers import Markers
-from cogrip.server.observers import ObserverSlots
-from cogrip.server.participants import Seat
-from cogrip.server.port import Row
+from cogrip.server.ports.port import Row
+from cogrip.server.ports.seat_limits import BURST_S, Record, SeatLimits, limits_of
 from cogrip.server.schemes import SCHEMES, make_room_world
-from cogrip.server.seat_limits import BURST_S, Record, SeatLimits, limits_of
-from cogrip.server.seat_state import account_of, place_again, put_back
-from cogrip.server.stiffness_adaptation import StiffnessAdapter
+from cogrip.server.seats.effects import EffectSender, RoomEffects
+from cogrip.server.seats.geometry_sender import GeometrySender
+from cogrip.server.seats.hand_changes import HandChanges
+from cogrip.server.seats.markers import Markers
+from cogrip.server.seats.observers import ObserverSlots
+from cogrip.server.seats.participants import Seat
+from cogrip.server.seats.state import account_of, place_again, put_back
+from cogrip.server.seats.stiffness_adaptation import StiffnessAdapter
+from cogrip.server.worlds.departures import Departure, let_leave, watch_object
 from cogrip.server.worlds.world import WorldError
 
 RESERVED_NS = 5_000_000_000  # time for which a restored seat is reserved for its ticket's holder
@@ -55,7 +56,7 @@ class Room:
         self.digest = digest(settings)
         self.seats = [Seat(seat_settings(settings, number), number) for number in range(len(settings.users))]
         self._scheme = SCHEMES[settings.coupling.kind]
-        self.frame = self._scheme.frame
+        self.frame = FRAMES[settings.coupling.traits.frame]
         self.takes_waves = self.frame is Waves
         self.world = make_room_world(settings, [seat.settings for seat in self.seats])
         self.world_step = self.world.as_step()
@@ -112,7 +113,7 @@ class Room:
 
     def _tell_geometry(self, number: int) -> None:
         """Begin to send a player the shapes with which its client renders contact."""
-        shapes = self.world.local_shapes(number)
+        shapes = self.world.drawing.local_shapes(number)
         self.seats[number].geometry = GeometrySender(shapes, self.settings.rates.network_hz) if shapes else None
 
     def leave_seat(self, number: int, event: str) -> SeatAccount | None:
@@ -170,7 +171,7 @@ class Room:
     def checkpoint(self) -> RoomCheckpoint:
         """Return the state from which a restarted server continues."""
         here, seats = self.world_step.motion()[: self._axes], tuple([seat.checkpoint() for seat in self.seats])
-        placed, progress = self.world.coordinates(), self.world.progress()
+        placed, progress = self.world.coordinates(), self.world.progress.save()
         return RoomCheckpoint(
             VERSION, self.name, self.digest, here, self.travel_m, self.steps, seats, *placed, progress
         )

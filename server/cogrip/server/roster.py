@@ -5,13 +5,13 @@ from typing import TYPE_CHECKING, Any
 
 import msgspec
 
-from cogrip.protocol.channel import place_text
-from cogrip.protocol.hand_settings import UNCHANGED
+from cogrip.protocol.secure.channel import place_text
+from cogrip.protocol.settings.hand import UNCHANGED
 
 if TYPE_CHECKING:  # the command that asks needs no room, and none of numpy
-    from cogrip.protocol.clock import Clock
-    from cogrip.server.participants import Participant
+    from cogrip.protocol.wire.clock import Clock
     from cogrip.server.room import Room
+    from cogrip.server.seats.participants import Participant
 
 MOST_LISTED = 100  # most entries in an answer
 

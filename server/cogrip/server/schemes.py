@@ -1,22 +1,23 @@
-"""Coupling schemes at the server: which message carries a frame, which port takes it in, which world it moves.
+"""Coupling schemes at the server: which port takes a frame in, and which world it moves.
 
-A new scheme is a row of `SCHEMES` here, one at the client and more: docs/design.md, "Add a coupling scheme". Worlds for waves
-are in `cogrip.server.worlds.registry`.
+A new scheme is a row of `SCHEMES` here, one at the client and one with its properties: docs/design.md, "Add a coupling
+scheme". Worlds for waves are in `cogrip.server.worlds.registry`.
 """
 
 from collections.abc import Callable, Sequence
-from typing import NamedTuple
+from importlib import import_module
+from typing import TYPE_CHECKING, NamedTuple
 
-from cogrip.protocol.messages import Frame, Power, State, Waves
-from cogrip.protocol.object_kinds import KINDS
-from cogrip.protocol.setting_types import Kind
-from cogrip.protocol.settings import SeatSettings, Settings
-from cogrip.server.local_port import LocalPort
-from cogrip.server.port import Port
-from cogrip.server.power_port import PowerPort
-from cogrip.server.seat_limits import SeatLimits
-from cogrip.server.state_port import StatePort
-from cogrip.server.wave_port import WavePort
+from cogrip.protocol.settings.coupling_kinds import Kind
+from cogrip.protocol.settings.object_kinds import KINDS
+from cogrip.protocol.settings.seat import SeatSettings
+from cogrip.protocol.settings.sections import Settings
+from cogrip.server.ports.local_port import LocalPort
+from cogrip.server.ports.port import Port
+from cogrip.server.ports.power_port import PowerPort
+from cogrip.server.ports.seat_limits import SeatLimits
+from cogrip.server.ports.state_port import StatePort
+from cogrip.server.ports.wave_port import WavePort
 from cogrip.server.worlds.lagged import CoupledWorld, PaperWorld
 from cogrip.server.worlds.local_faces import LocalFacesWorld
 from cogrip.server.worlds.power import PowerWorld
@@ -24,6 +25,9 @@ from cogrip.server.worlds.registry import make_guarded, world_class_of
 from cogrip.server.worlds.scene_text import SceneError
 from cogrip.server.worlds.small_room import MOST, SmallGripWorld
 from cogrip.server.worlds.world import World
+
+if TYPE_CHECKING:
+    from cogrip.server.worlds.scene import SceneWorld
 
 MakeWorld = Callable[[Sequence[SeatSettings]], World]
 
@@ -42,22 +46,23 @@ def make_wave_world(seats: Sequence[SeatSettings]) -> World:
 
 
 class Scheme(NamedTuple):
-    """One coupling scheme."""
+    """One coupling scheme.
 
-    frame: type[Frame]
+    scene: module and class, in `cogrip.server.worlds`, of its world of rigid bodies, for which MuJoCo is loaded
+    """
+
     make_port: Callable[[SeatSettings, SeatLimits, float], Port]
     make_world: MakeWorld
+    scene: tuple[str, str]
 
 
 SCHEMES: dict[Kind, Scheme] = {
-    "wave": Scheme(Waves, WavePort, make_wave_world),
-    "local": Scheme(Waves, LocalPort, LocalFacesWorld),
-    "coupling": Scheme(State, StatePort, CoupledWorld),
-    "tdpa": Scheme(Power, PowerPort, PowerWorld),
+    "wave": Scheme(WavePort, make_wave_world, ("scene", "SceneWorld")),
+    "local": Scheme(LocalPort, LocalFacesWorld, ("local_scene", "LocalScene")),
+    "coupling": Scheme(StatePort, CoupledWorld, ("driven_scene", "CoupledScene")),
+    "tdpa": Scheme(PowerPort, PowerWorld, ("driven_scene", "PowerScene")),
 }
 """Scheme by `coupling.kind` of the settings, the same for all seats of a room."""
-
-FRAMES = tuple(scheme.frame for scheme in SCHEMES.values())
 
 
 def make_world(seats: Sequence[SeatSettings]) -> World:
@@ -66,9 +71,15 @@ def make_world(seats: Sequence[SeatSettings]) -> World:
 
 
 def make_scene_world(settings: Settings, seats: Sequence[SeatSettings]) -> World:
-    """Return the world of a scene. Raises SceneError for a file that cannot be used, and where there is no MuJoCo."""
+    """Return the world of a scene, run by its script where there is one.
+
+    Raises SceneError for a file that cannot be used, and where there is no MuJoCo; WorldKindError, WorldError for a script.
+    """
+    module, name = SCHEMES[settings.coupling.kind].scene
     try:  # MuJoCo is loaded where there is a scene
-        from cogrip.server.worlds import driven_scene, local_scene, scene, scene_file
+        scene_file = import_module("cogrip.server.worlds.scene_file")
+        scene_script = import_module("cogrip.server.worlds.scene_script")
+        make: type[SceneWorld] = getattr(import_module(f"cogrip.server.worlds.{module}"), name)
     except ModuleNotFoundError as error:
         if error.name != "mujoco":
             raise
@@ -76,15 +87,12 @@ def make_scene_world(settings: Settings, seats: Sequence[SeatSettings]) -> World
             "a scene needs the package mujoco-core, which is not installed; pip install mujoco-core, on a system "
             "that it has a wheel for (docs/platforms.md), or take another object.kind"
         ) from None
-
     given = settings.object
-    worlds: dict[Kind, type[scene.SceneWorld]] = {
-        "wave": scene.SceneWorld, "local": local_scene.LocalScene, "coupling": driven_scene.CoupledScene,
-        "tdpa": driven_scene.PowerScene,
-    }  # fmt: skip
-    make = worlds[settings.coupling.kind]
-    world = make(seats, scene_file.scene_of_settings(settings, seats[0].rates.frame_s), given.substeps)
-    world.watch(settings.task)
+    script, identity = scene_script.script_of(given.script) if given.script else (None, "")
+    world = make(seats, scene_file.scene_of_settings(settings, seats[0].rates.frame_s, identity), given.substeps)
+    world.progress.watch(settings.task)
+    if script is not None:
+        world.follow(script)
     return world
 
 

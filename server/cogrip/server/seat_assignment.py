@@ -4,13 +4,13 @@ from collections.abc import Iterator, Sequence
 from itertools import chain
 
 from cogrip.machine.addition import add_integers
-from cogrip.protocol.channel import Address
-from cogrip.protocol.messages import Hello
-from cogrip.protocol.session import unfit
+from cogrip.protocol.secure.channel import Address
+from cogrip.protocol.wire.messages import Hello
+from cogrip.protocol.wire.session import unfit
 from cogrip.server.admission import Denied, Grant
-from cogrip.server.participants import Observer, Participant, Seat
+from cogrip.server.ports.seat_limits import misclaimed, record_of
 from cogrip.server.room import Room
-from cogrip.server.seat_limits import misclaimed, record_of
+from cogrip.server.seats.participants import Observer, Participant, Seat
 
 Place = tuple[Room, Seat | Observer]
 

@@ -8,7 +8,7 @@ import msgspec
 
 from cogrip.machine.addition import add_integers
 from cogrip.machine.histogram import DurationHistogram
-from cogrip.protocol.accounts import LinkCount
+from cogrip.protocol.wire.accounts import LinkCount
 
 if TYPE_CHECKING:  # the reader needs no room, and none of numpy
     from cogrip.server.room import Room
@@ -183,7 +183,7 @@ def _seat(room: "Room", number: int) -> SeatSnapshot:
     seat, limited = room.seats[number], room.limited(number)
     port, last = seat.port, seat.last
     if port is not None:
-        clock, stiffness = seat.clock, room.world.stiffness_of(number) if seat.on_object else None
+        clock, stiffness = seat.clock, room.world.accounts.stiffness(number) if seat.on_object else None
         return SeatSnapshot(
             seat.name, True, port.count(), _seconds(seat.rtt_ns), port.up_margin_j, seat.line_margin_j, limited,
             _seconds(clock.return_ns), _seconds(clock.forward_ns), _seconds(clock.offset_ns), stiffness,

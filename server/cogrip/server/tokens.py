@@ -14,7 +14,7 @@ from typing import Annotated, Any, Literal, get_args
 
 import msgspec
 
-from cogrip.protocol.messages import DEVICE_BYTES, Role
+from cogrip.protocol.wire.messages import DEVICE_BYTES, Role
 from cogrip.server.admission import Denied, Grant
 
 VERSION: Literal[1] = 1

@@ -3,8 +3,8 @@
 from collections import deque
 from collections.abc import Callable, Sequence
 
-from cogrip.protocol.channel import Address, UnencryptedChannel
-from cogrip.protocol.messages import HELLO_BYTES, MAGIC
+from cogrip.protocol.secure.channel import Address, UnencryptedChannel
+from cogrip.protocol.wire.messages import HELLO_BYTES, MAGIC
 from cogrip.server.events import ServerEvent
 from cogrip.server.rate_limit import RateLimiter
 

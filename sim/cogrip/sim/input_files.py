@@ -10,8 +10,8 @@ from cogrip.devices.device import DeviceError
 from cogrip.devices.for_user import address_of
 from cogrip.devices.recorded_motion import find, split_user
 from cogrip.devices.settings import parse_address
-from cogrip.protocol.object_kinds import PYTHON, split_python
-from cogrip.protocol.settings import Settings
+from cogrip.protocol.settings.object_kinds import PYTHON, split_python
+from cogrip.protocol.settings.sections import Settings
 from cogrip.server.worlds.scene_text import SceneError, read_scene
 
 UNREADABLE = "unreadable"  # digest of a file that cannot be read: whoever runs the session says what is wrong with it
@@ -21,7 +21,8 @@ def files_read(settings: Settings) -> dict[str, str]:
     """Return the SHA-256 of each file's content, by its path as in the settings."""
     kind = settings.object.kind
     world = split_python(kind)[0] if kind.startswith(PYTHON) else ""
-    paths = {settings.link.trace_of(direction) for direction in ("up", "down")} | {settings.object.file, world}
+    script = split_python(settings.object.script)[0] if settings.object.script else ""
+    paths = {settings.link.trace_of(direction) for direction in ("up", "down")} | {settings.object.file, world, script}
     paths -= {""}
     found = {path: _digest(Path(path)) for path in paths}
     if settings.object.file:

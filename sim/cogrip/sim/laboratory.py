@@ -17,20 +17,21 @@ from itertools import count
 from typing import Literal
 
 from cogrip.client import inputs
-from cogrip.client.device_port import BarePort, DevicePort
 from cogrip.client.path_migration import PathMigration
 from cogrip.client.recorder import RecordedClient
+from cogrip.client.safety.device_port import BarePort, DevicePort
 from cogrip.client.supervised_device import SupervisedDevice
 from cogrip.devices.device import Device
 from cogrip.devices.for_user import address_of, make_for
 from cogrip.machine.tick_count import TickCount
-from cogrip.protocol.link_profile import LinkProfile
-from cogrip.protocol.rates import due_ns
 from cogrip.protocol.recording.sink import Nowhere, Sink
-from cogrip.protocol.session import make_hello
-from cogrip.protocol.settings import Settings, rates_of, seat_axes
-from cogrip.protocol.settings_digest import digest
+from cogrip.protocol.settings.digest import digest
+from cogrip.protocol.settings.link_profile import LinkProfile
+from cogrip.protocol.settings.rates import due_ns
+from cogrip.protocol.settings.room import rates_of, seat_axes
+from cogrip.protocol.settings.sections import Settings
 from cogrip.protocol.version import VERSION
+from cogrip.protocol.wire.session import make_hello
 from cogrip.server.admission import AdmissionServices
 from cogrip.server.checkpoint import RoomCheckpoint
 from cogrip.server.inputs import CloseLedger, Mark, Restore

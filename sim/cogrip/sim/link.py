@@ -20,7 +20,7 @@ from pathlib import Path
 from random import Random
 from typing import NamedTuple
 
-from cogrip.protocol.link_profile import Direction, Link, LinkProfile
+from cogrip.protocol.settings.link_profile import Direction, Link, LinkProfile
 from cogrip.sim.delay_trace import LOST_NS, DelayTrace, read_trace
 from cogrip.sim.outages import NEVER_NS, Outages
 

@@ -9,7 +9,7 @@ from collections.abc import Iterable
 from pathlib import Path
 
 from cogrip.protocol.foreign_file import ForeignFileError
-from cogrip.protocol.link_profile import Direction
+from cogrip.protocol.settings.link_profile import Direction
 
 MOST_S = 1e9  # largest value of any of an outage's times
 NEVER_NS = 1 << 62

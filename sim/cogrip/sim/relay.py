@@ -12,7 +12,7 @@ from collections import Counter, deque
 from collections.abc import Callable, Hashable
 
 from cogrip.machine.histogram import DurationHistogram
-from cogrip.protocol.link_profile import Direction
+from cogrip.protocol.settings.link_profile import Direction
 from cogrip.sim.link import COUNTERS, LinkEmulator
 
 Address = Hashable

@@ -16,7 +16,7 @@ from cogrip.analysis.stability import verdict
 from cogrip.analysis.trace import TraceRecorder
 from cogrip.experiments.methods.hand import let_rest
 from cogrip.experiments.methods.measures import at_rest, created_j, furthest, largest
-from cogrip.protocol.settings import Settings
+from cogrip.protocol.settings.sections import Settings
 from cogrip.results.summary import of_laboratory
 from cogrip.results.summary_values import people, worst_margin
 from cogrip.sim.laboratory import Laboratory

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from typing import Any, get_args
 
 from cogrip.experiments.experiment import Result
-from cogrip.protocol.setting_types import Seconds, Stiffness
+from cogrip.protocol.settings.types import Seconds, Stiffness
 
 from tests.bench.impaired_network.case import Job, growth
 

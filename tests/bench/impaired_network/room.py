@@ -11,8 +11,9 @@ from collections.abc import Mapping
 from random import Random
 from typing import Any
 
-from cogrip.protocol.network_profiles import PROFILES
-from cogrip.protocol.settings import Settings, resolve
+from cogrip.protocol.settings.network_profiles import PROFILES
+from cogrip.protocol.settings.room import resolve
+from cogrip.protocol.settings.sections import Settings
 
 CLEAN = "clean"
 NETWORKS: tuple[str, ...] = tuple(PROFILES)

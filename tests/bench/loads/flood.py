@@ -13,11 +13,11 @@ from contextlib import ExitStack, suppress
 import msgspec
 
 from cogrip.machine.pacing import Pacer
-from cogrip.protocol.channel import PEER
 from cogrip.protocol.io.dtls import cookie_in
 from cogrip.protocol.io.dtls_client import DtlsClient
-from cogrip.protocol.messages import MAX_DATAGRAM_BYTES, padded
-from cogrip.protocol.session import make_hello
+from cogrip.protocol.secure.channel import PEER
+from cogrip.protocol.wire.messages import MAX_DATAGRAM_BYTES, padded
+from cogrip.protocol.wire.session import make_hello
 
 from tests.bench.children import start_python
 

@@ -5,9 +5,9 @@ import math
 import time
 from dataclasses import dataclass
 
-from cogrip.protocol.messages import Stamp
-from cogrip.protocol.session import ClientSession, make_hello
-from cogrip.protocol.settings import seat_settings
+from cogrip.protocol.settings.room import seat_settings
+from cogrip.protocol.wire.messages import Stamp
+from cogrip.protocol.wire.session import ClientSession, make_hello
 from cogrip.server.admission import AdmissionServices
 from cogrip.server.core import ServerCore
 

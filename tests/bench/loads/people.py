@@ -14,11 +14,11 @@ from contextlib import suppress
 from typing import NamedTuple
 
 from cogrip.machine.pacing import Pacer
-from cogrip.protocol.channel import PEER, Channel
 from cogrip.protocol.line.sender import LineSender
-from cogrip.protocol.messages import DTLS_BYTES, Hello, Stamp, Waves, encode
-from cogrip.protocol.session import ClientSession, make_hello
-from cogrip.protocol.settings import SeatSettings
+from cogrip.protocol.secure.channel import PEER, Channel
+from cogrip.protocol.settings.seat import SeatSettings
+from cogrip.protocol.wire.messages import DTLS_BYTES, Hello, Stamp, Waves, encode
+from cogrip.protocol.wire.session import ClientSession, make_hello
 
 SLOTS = 4  # people are not in step: a quarter of them sends in each quarter of a frame
 LOOK_EVERY = 32  # datagrams of which one is looked into

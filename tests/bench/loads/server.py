@@ -24,17 +24,18 @@ from cogrip.machine.pacing import Pacer
 from cogrip.machine.realtime import engage, release
 from cogrip.machine.receive_buffer import enlarge
 from cogrip.machine.stop import Stop
-from cogrip.protocol.channel import UnencryptedChannel
 from cogrip.protocol.io.dtls_client import DtlsClient
-from cogrip.protocol.settings import Settings, resolve, seat_settings
+from cogrip.protocol.secure.channel import UnencryptedChannel
+from cogrip.protocol.settings.room import resolve, seat_settings
+from cogrip.protocol.settings.sections import Settings
 from cogrip.server.core import ServerCore
 from cogrip.server.io.authenticator import TokenAuthenticator
 from cogrip.server.io.dtls_channel import DtlsListener
 from cogrip.server.io.housekeeping import Housekeeping
+from cogrip.server.io.loop import LiveServer
 from cogrip.server.io.state_folder import StateFolder, make_folder
 from cogrip.server.io.token_file import TokenFile, draw_token
 from cogrip.server.io.udp_port import ServerChannel
-from cogrip.server.loop import LiveServer
 from cogrip.server.rate_limit import RateLimiter
 from cogrip.server.unencrypted_channel import UnencryptedListener
 

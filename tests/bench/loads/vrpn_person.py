@@ -5,8 +5,8 @@ import struct
 import time
 from contextlib import suppress
 
-from cogrip.protocol.channel import Channel
-from cogrip.protocol.messages import Hello, Stamp
+from cogrip.protocol.secure.channel import Channel
+from cogrip.protocol.wire.messages import Hello, Stamp
 
 from tests.bench.loads.people import Echoed, Swing
 

@@ -7,11 +7,11 @@ from collections.abc import Callable, Sequence
 from dataclasses import replace
 from math import inf, sqrt
 
+from cogrip.client.hand.velocity import NOISE_N
 from cogrip.client.inputs import DeviceOpened
-from cogrip.client.velocity import NOISE_N
 from cogrip.devices.device import Capability, Sample
 from cogrip.devices.simulated.device import Plant, SimulatedDevice
-from cogrip.protocol.settings import resolve
+from cogrip.protocol.settings.room import resolve
 from cogrip.sim.laboratory import Laboratory
 
 from tests.bench.velocity_trial.estimators import Estimator

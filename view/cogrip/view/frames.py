@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from math import nan
 
 from cogrip.devices.web.messages import STATES, ZERO, FrameError, State, Vector, vector
-from cogrip.protocol.messages import Pose
+from cogrip.protocol.wire.messages import Pose
 
 FRAME, CHUNK = 1, 4
 PUSHES, NOT_PASSIVE, HAND_KNOWN = 1, 2, 4  # flags of a person

@@ -10,9 +10,9 @@ from dataclasses import dataclass
 from math import nan
 
 from cogrip.client.observer import ObserverCore
-from cogrip.protocol.setting_types import PLACES
-from cogrip.protocol.settings import SeatSettings
-from cogrip.server.observers import VIEWS_HZ
+from cogrip.protocol.axes import PLACES
+from cogrip.protocol.settings.seat import SeatSettings
+from cogrip.server.seats.observers import VIEWS_HZ
 
 AXES = "xyz"
 

@@ -7,13 +7,15 @@ from cogrip.client.observed_scene import ObservedScene
 from cogrip.client.observer import ObserverCore
 from cogrip.devices.web.messages import ZERO, State, Vector, vector
 from cogrip.machine.addition import add_floats
-from cogrip.protocol.button_edges import bits_of, edge_words
-from cogrip.protocol.drawing import LEAST_DRAWN_N, Shape, anchors_m, object_size_m
-from cogrip.protocol.effects import Effect, drawn_effect
-from cogrip.protocol.messages import Person, Pose, View
-from cogrip.protocol.setting_types import PLACES
-from cogrip.protocol.settings import SeatSettings
+from cogrip.protocol.axes import PLACES
+from cogrip.protocol.drawing import Shape
+from cogrip.protocol.scene_words import as_sentence
+from cogrip.protocol.session_drawing import LEAST_DRAWN_N, anchors_m, object_size_m
+from cogrip.protocol.settings.effects import Effect, drawn_effect
+from cogrip.protocol.settings.seat import SeatSettings
 from cogrip.protocol.texts import shown
+from cogrip.protocol.wire.button_edges import bits_of, edge_words
+from cogrip.protocol.wire.messages import Person, Pose, View
 from cogrip.results.verdict import least_margin
 from cogrip.view import frames
 from cogrip.view.frames import Frame, PersonFrame
@@ -52,6 +54,7 @@ class LiveScene:
         self._path: deque[tuple[int, Vector]] = deque(maxlen=KEPT_STEPS)
         self._counts: dict[int, deque[tuple[float, int, int]]] = {}
         self._states: dict[int, State] = {}
+        self._notes: tuple[str, ...] = ()  # sentences about the room's world
         self._unnamed = 0  # views with hands, and no message about whose they are
         self._shapes: tuple[Shape, ...] = ()
         self._poses: tuple[Pose, ...] = ()
@@ -80,6 +83,9 @@ class LiveScene:
             self._say(at_s, "marker", who, shown(mark.text))
         core.marked.clear()
         self._draw(core.scene)
+        if core.scene.notes != self._notes:
+            self._notes = core.scene.notes
+            self.scene = self._scene()
         if core.effects != self._effects:
             self._effects = dict(core.effects)
             self.scene = self._scene()
@@ -192,9 +198,15 @@ class LiveScene:
             given.room, "live", axes, given.rates.network_hz, given.rates.device_hz,
             scene_object(given.object.kind, given.object.mass_kg), tuple(people), geometry,
             effects=tuple([shape for _, effect in sorted(self._effects.items()) for shape in drawn_effect(effect)]),
-            note=OLD_SERVER if self._unnamed >= OLD_AFTER else "", geoms=self._shapes,
+            note=self._note(), geoms=self._shapes,
             workspace_m=workspace_of(self._shapes, self._poses) if self._shapes else WORKSPACE_M,
         )  # fmt: skip
+
+    def _note(self) -> str:
+        """Return what a person who looks at this should know of it."""
+        if self._unnamed >= OLD_AFTER:
+            return OLD_SERVER
+        return " ".join([as_sentence(shown(text)) for text in self._notes])
 
 
 def hand_words(before: Person | None, person: Person) -> str:

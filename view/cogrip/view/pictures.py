@@ -8,7 +8,6 @@ from collections.abc import Iterator
 from math import isfinite
 
 from cogrip.devices.web.messages import Vector
-from cogrip.protocol.drawing import HAND_SIZE_M, OBJECT_COLOUR
 from cogrip.protocol.recording.scene_messages import (
     Body,
     Place,
@@ -23,6 +22,7 @@ from cogrip.protocol.recording.scene_messages import (
     soft_entities,
     turned_to,
 )
+from cogrip.protocol.session_drawing import HAND_SIZE_M, OBJECT_COLOUR
 from cogrip.view.frames import Frame, PersonFrame
 from cogrip.view.scene import Scene, ScenePerson
 

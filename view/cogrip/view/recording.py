@@ -16,16 +16,18 @@ import msgspec
 
 from cogrip.devices.web.messages import State, Vector, vector
 from cogrip.machine.addition import add_floats
-from cogrip.protocol.drawing import LEAST_DRAWN_N, MOST_SHAPES, anchors_m, object_size_m
-from cogrip.protocol.effects import drawn_effect
+from cogrip.protocol.axes import PLACES
+from cogrip.protocol.drawing import MOST_SHAPES
 from cogrip.protocol.foreign_file import ForeignFileError
-from cogrip.protocol.messages import Pose
 from cogrip.protocol.recording.derived import offset_of
 from cogrip.protocol.recording.reader import RecordingError
 from cogrip.protocol.recording.records import Geoms, Number, Poses, Row, SeatStep, Step, Tick
-from cogrip.protocol.setting_types import PLACES
-from cogrip.protocol.settings import Settings
+from cogrip.protocol.scene_words import as_sentence, left_out_words
+from cogrip.protocol.session_drawing import LEAST_DRAWN_N, anchors_m, object_size_m
+from cogrip.protocol.settings.effects import drawn_effect
+from cogrip.protocol.settings.sections import Settings
 from cogrip.protocol.texts import shown
+from cogrip.protocol.wire.messages import Pose
 from cogrip.results.folder import SETTINGS
 from cogrip.results.records import open_run
 from cogrip.results.verdict import least_margin
@@ -108,7 +110,7 @@ class RecordedView:
         self._offsets: list[tuple[float, Row]] = []  # of seats' own frames from the object's, each from a time on
         self._geoms, self._first_poses = self._find_bodies()
         if self._geoms.left_out:
-            self._notes.append(f"Not drawn of the scene: {', '.join(self._geoms.left_out)}.")
+            self._notes.append(as_sentence(left_out_words(self._geoms.left_out)))
         self.scene = self._make_scene(self._settings or Settings(), next(iter(self._clients.values()), None))
         self.frames = lru_cache(maxsize=3)(self._frames)
 

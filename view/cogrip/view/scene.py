@@ -9,8 +9,8 @@ import msgspec
 
 from cogrip.devices.web.messages import Vector
 from cogrip.protocol.drawing import Shape
-from cogrip.protocol.drawing import colour as colour
-from cogrip.protocol.messages import Pose
+from cogrip.protocol.session_drawing import colour as colour
+from cogrip.protocol.wire.messages import Pose
 
 Mode = Literal["live", "recording"]
 WORKSPACE_M = ((-0.1, 0.1),) * 3

@@ -17,8 +17,8 @@ from cogrip.analysis.decimation_passivity import (
     worst_input,
 )
 from cogrip.analysis.figures.page import Page, Table
-from cogrip.protocol.decimation import make_decimator
-from cogrip.protocol.rates import Rates
+from cogrip.protocol.laws.decimation import make_decimator
+from cogrip.protocol.settings.rates import Rates
 from cogrip.results.plots.style import ALARM, DOTTED, LINES, Sheet, colour
 
 RATES = Rates(1024, 128)

@@ -17,7 +17,8 @@ from cogrip.analysis.lifted_model import LiftedModel
 from cogrip.analysis.linear_session import LinearSession, Person, Scheme, linear_session, scheme_overrides
 from cogrip.analysis.region import Region, regions, traced
 from cogrip.analysis.stability import largest_stable
-from cogrip.protocol.settings import Settings, resolve
+from cogrip.protocol.settings.room import resolve
+from cogrip.protocol.settings.sections import Settings
 from cogrip.results.plots.style import INK, Sheet, title
 
 DELAYS_FRAMES = (0.0, 1.0, 2.0, 4.0)

@@ -13,7 +13,7 @@ from matplotlib.patches import Polygon
 from cogrip.analysis.boundary import Boundary
 from cogrip.analysis.figures.page import Page, Table
 from cogrip.analysis.region import Region, grid_axes
-from cogrip.protocol.settings import Settings
+from cogrip.protocol.settings.sections import Settings
 from cogrip.results.plots.style import INK, LINES, Legend, Sheet, Style, colour, label, title
 
 SCHEME_NAMES = {"paper": "the paper's scheme", "coupling": "virtual coupling", "passive": "cogrip's passive scheme"}

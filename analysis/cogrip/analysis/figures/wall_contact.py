@@ -13,8 +13,9 @@ from cogrip.analysis.feel import on_wall, slow_feel
 from cogrip.analysis.figures.page import Page, Table
 from cogrip.analysis.linear_session import linear_session, scheme_overrides
 from cogrip.analysis.state_space import Array
-from cogrip.protocol.settings import Settings, resolve
-from cogrip.protocol.settings_table import SettingsError
+from cogrip.protocol.settings.room import resolve
+from cogrip.protocol.settings.sections import Settings
+from cogrip.protocol.settings.table import SettingsError
 from cogrip.results.plots.style import DASHED, INK, Sheet, Style, draw, person_style, title
 from cogrip.sim.laboratory import Laboratory
 

@@ -2,7 +2,7 @@
 
 from cogrip.cli.admin.state_folder import Port, State, answer_of, check_words
 from cogrip.cli.terminal.output import make_console
-from cogrip.protocol.join_link import DEFAULT_PORT
+from cogrip.protocol.wire.join_link import DEFAULT_PORT
 from cogrip.server.io.control import MOST_REASON, Drain
 
 

@@ -3,8 +3,8 @@
 from cogrip.cli.admin.state_folder import Port, State, answer_of, check_words
 from cogrip.cli.terminal.output import make_console
 from cogrip.cli.terminal.problem import BadInput
-from cogrip.protocol.join_link import DEFAULT_PORT
-from cogrip.protocol.messages import MARK_BYTES
+from cogrip.protocol.wire.join_link import DEFAULT_PORT
+from cogrip.protocol.wire.messages import MARK_BYTES
 from cogrip.server.io.control import MOST_WORD, Mark
 
 

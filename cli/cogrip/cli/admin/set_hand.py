@@ -7,8 +7,8 @@ from cyclopts import Parameter
 from cogrip.cli.admin.state_folder import Port, State, answer_of, check_words
 from cogrip.cli.terminal.output import make_console
 from cogrip.cli.terminal.problem import BadInput
-from cogrip.protocol.hand_settings import parsed
-from cogrip.protocol.join_link import DEFAULT_PORT
+from cogrip.protocol.settings.hand import parsed
+from cogrip.protocol.wire.join_link import DEFAULT_PORT
 from cogrip.server.io.control import MOST_WORD, SetHand
 
 

@@ -9,7 +9,7 @@ from typing import Annotated
 from cyclopts import Parameter
 
 from cogrip.cli.terminal.problem import BadInput, Problem, within
-from cogrip.protocol.join_link import DEFAULT_PORT
+from cogrip.protocol.wire.join_link import DEFAULT_PORT
 from cogrip.server.io.control import Answer, Drain, Kick, Mark, NotRunningError, SetHand, Who, ask
 from cogrip.server.io.state_folder import (
     NoStateError,

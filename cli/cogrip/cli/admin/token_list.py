@@ -10,7 +10,7 @@ from cogrip.cli.admin.state_folder import Port, State, server_at, state_at
 from cogrip.cli.terminal.output import Json, make_console, write_json
 from cogrip.cli.terminal.problem import Problem
 from cogrip.cli.terminal.tables import Fitted, columns_table
-from cogrip.protocol.join_link import DEFAULT_PORT
+from cogrip.protocol.wire.join_link import DEFAULT_PORT
 from cogrip.server.io.state_folder import StateError
 from cogrip.server.io.token_file import TokenFile
 from cogrip.server.tokens import Token, TokenState, date_text

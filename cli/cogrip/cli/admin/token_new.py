@@ -15,8 +15,8 @@ from cogrip.cli.admin.state_folder import Port, State, check_known, check_words,
 from cogrip.cli.terminal.output import Json, make_console, write_json
 from cogrip.cli.terminal.problem import BadInput, Problem, within
 from cogrip.devices.registry import schemes
-from cogrip.protocol.join_link import DEFAULT_PORT, JoinLink, LinkError, split_place
-from cogrip.protocol.messages import DEVICE_BYTES, Role
+from cogrip.protocol.wire.join_link import DEFAULT_PORT, JoinLink, LinkError, split_place
+from cogrip.protocol.wire.messages import DEVICE_BYTES, Role
 from cogrip.server.io.state_folder import ServerRecord, StateError, StateFolder
 from cogrip.server.io.token_file import TokenFile, draw_token
 from cogrip.server.tokens import MOST_TOKENS, Token, TokenBook, TokenError, date_text

@@ -8,7 +8,7 @@ from rich.console import Console
 from cogrip.cli.admin.state_folder import Port, State, state_at
 from cogrip.cli.terminal.output import make_console
 from cogrip.cli.terminal.problem import BadInput, Problem
-from cogrip.protocol.join_link import DEFAULT_PORT
+from cogrip.protocol.wire.join_link import DEFAULT_PORT
 from cogrip.server.io.control import ControlError, NotRunningError, Reload, ask
 from cogrip.server.io.state_folder import StateError, StateFolder
 from cogrip.server.io.token_file import TokenFile

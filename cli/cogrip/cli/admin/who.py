@@ -11,8 +11,8 @@ from cogrip.cli.session.served_rooms import is_loopback
 from cogrip.cli.terminal.output import Json, make_console, write_json
 from cogrip.cli.terminal.problem import BadInput
 from cogrip.cli.terminal.tables import Fitted, clock, columns_table
-from cogrip.protocol.join_link import DEFAULT_PORT
 from cogrip.protocol.texts import shown
+from cogrip.protocol.wire.join_link import DEFAULT_PORT
 from cogrip.server.io.control import MOST_WORD, Who
 from cogrip.server.roster import RosterEntry
 

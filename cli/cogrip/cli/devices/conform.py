@@ -8,7 +8,7 @@ from cogrip.devices.device import Device, DeviceError, defects_named
 from cogrip.devices.registry import axes_of, is_input_only, is_real, make, record_of
 from cogrip.devices.response import most_push_n
 from cogrip.machine.platform import time
-from cogrip.protocol.rates import due_ns
+from cogrip.protocol.settings.rates import due_ns
 
 PUSH_N = 0.2  # largest push on a real device
 MOVED_BY_NOBODY = ("replay:", "web:")  # schemes that no hand moves: a recording, or a mass in a page

@@ -8,7 +8,7 @@ from typing import Any
 
 from cogrip.cli.settings.shipped_settings import shipped
 from cogrip.cli.terminal.problem import BadInput
-from cogrip.protocol.coupling_settings import CouplingSection as Coupling
+from cogrip.protocol.settings.coupling import CouplingSection as Coupling
 
 START = "demo"
 _USERS = re.compile(r"\s*\[\[\s*users\s*\]\]\s*(#.*)?")

@@ -28,7 +28,7 @@ from cogrip.devices.registry import (
 )  # fmt: skip
 from cogrip.devices.settings import MOST_AXES, parse_address
 from cogrip.machine.addition import add_integers
-from cogrip.protocol.setting_types import GRIP_AXES, POSE_AXES
+from cogrip.protocol.axes import GRIP_AXES, POSE_AXES
 
 NOT_RUN = "not run on hardware"
 INPUT_ONLY = "input only: no force"

@@ -18,7 +18,7 @@ from cogrip.cli.terminal.output import make_console
 from cogrip.cli.terminal.problem import BadInput, Problem
 from cogrip.cli.terminal.tables import say
 from cogrip.cli.terminal.typed_line import typed_line
-from cogrip.client.velocity import largest_impedance
+from cogrip.client.hand.velocity import largest_impedance
 from cogrip.devices import trial
 from cogrip.devices.arm.driver import ArmDevice
 from cogrip.devices.device import Device, DeviceError, Sample, defects_named

@@ -23,7 +23,7 @@ from cogrip.machine.stop import Stop, on_signals
 from cogrip.protocol.recording.header import versions_here
 from cogrip.protocol.recording.reader import Recording, RecordingError
 from cogrip.protocol.recording.records import Gap
-from cogrip.protocol.settings_table import SettingsError
+from cogrip.protocol.settings.table import SettingsError
 from cogrip.results.comparison import ComparisonError
 from cogrip.results.records import RunRecords
 from cogrip.results.replay.verify import Verdict

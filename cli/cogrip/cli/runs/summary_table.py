@@ -11,7 +11,7 @@ from rich.table import Table
 from rich.text import Text
 
 from cogrip.cli.terminal.tables import Fitted, marked, plain_table, shortened
-from cogrip.protocol.setting_types import PLACES
+from cogrip.protocol.axes import PLACES
 from cogrip.protocol.texts import shown
 from cogrip.results.summary_values import (
     ROUNDING_J,

@@ -1,6 +1,6 @@
 """Process of one room of a cluster: an ordinary server of this room, with a UDP port of its own.
 
-`cogrip.server.io.cluster.host_actor` starts the template of these processes with a descriptor; each gets its end of a link
+`cogrip.server.hosting.cluster.host_actor` starts the template of these processes with a descriptor; each gets its end of a link
 before it is known which room. It ends with that link only where nobody is seated, or once another process has the room.
 """
 
@@ -21,19 +21,14 @@ from cogrip.cli.session.server_state import channel_of
 from cogrip.cli.session.worker import Job, conclude
 from cogrip.machine.platform import system
 from cogrip.machine.stop import Stop
-from cogrip.protocol.channel import place_text
+from cogrip.protocol.secure.channel import place_text
 from cogrip.protocol.version import VERSION
 from cogrip.results.folder import SERVER_RECORDING
 from cogrip.server.events import ServerEvent
-from cogrip.server.io.authenticator import TokenAuthenticator
-from cogrip.server.io.cluster.guard import Guard
-from cogrip.server.io.cluster.room_checkpoints import RoomCheckpoints
-from cogrip.server.io.cluster.template import serve_forks
-from cogrip.server.io.housekeeping import Housekeeping
-from cogrip.server.io.state_folder import find_folder
-from cogrip.server.io.token_file import TokenFile
-from cogrip.server.io.udp_port import PortRange, ServeError
-from cogrip.server.io.workers.link import (
+from cogrip.server.hosting.cluster.guard import Guard
+from cogrip.server.hosting.cluster.room_checkpoints import RoomCheckpoints
+from cogrip.server.hosting.cluster.template import serve_forks
+from cogrip.server.hosting.link import (
     AnyToWorker,
     Begin,
     DirectoryContact,
@@ -48,8 +43,13 @@ from cogrip.server.io.workers.link import (
     Saved,
     Serve,
 )
-from cogrip.server.io.workers.orders import LinkMeasures, LinkOrders
-from cogrip.server.loop import LiveServer
+from cogrip.server.hosting.workers.orders import LinkMeasures, LinkOrders
+from cogrip.server.io.authenticator import TokenAuthenticator
+from cogrip.server.io.housekeeping import Housekeeping
+from cogrip.server.io.loop import LiveServer
+from cogrip.server.io.state_folder import find_folder
+from cogrip.server.io.token_file import TokenFile
+from cogrip.server.io.udp_port import PortRange, ServeError
 
 DESERTED_S = 10.0  # time after which a process that nobody answers ends: whoever was there may be resuming
 

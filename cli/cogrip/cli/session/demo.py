@@ -18,7 +18,7 @@ from cogrip.cli.session.live_views import LiveTable
 from cogrip.cli.session.network_rate import RateChoices, measured, write_choice
 from cogrip.cli.session.python_worlds import PythonWorlds, allow_python_worlds
 from cogrip.cli.session.view_child import open_view
-from cogrip.cli.settings.before_run import AllowUnstable, check_settings, refuse_hardware
+from cogrip.cli.settings.before_run import AllowUnstable, check_settings, refuse_hardware, tell_scene
 from cogrip.cli.settings.settings_file import load, try_hands, with_people
 from cogrip.cli.settings.shipped_settings import shipped
 from cogrip.cli.terminal.output import make_console
@@ -26,8 +26,8 @@ from cogrip.cli.terminal.parameters import Devices, Hands, Overrides, Runs
 from cogrip.cli.terminal.problem import BadInput, above_zero
 from cogrip.machine.platform import system
 from cogrip.machine.stop import Stop, on_signals
-from cogrip.protocol.object_kinds import kind_of
-from cogrip.protocol.settings import Settings
+from cogrip.protocol.settings.object_kinds import kind_of
+from cogrip.protocol.settings.sections import Settings
 from cogrip.results.folder import (
     SETTINGS,
     SUMMARY,
@@ -92,6 +92,7 @@ def demo(
         refuse_hardware([user.device for user in settings.users])
     try_hands(settings)
     check_settings(settings, allow_unstable)
+    tell_scene(settings)
     console = make_console(soft_wrap=True)
     folder = new_run_folder(runs, settings.name)
     write_choice(folder, rates.found.get(settings.name))

@@ -22,8 +22,8 @@ from cogrip.cli.terminal.problem import BadInput, Problem, at_least_one, some_ti
 from cogrip.cli.terminal.qr_code import print_qr_code
 from cogrip.client.io.paths import JoinError
 from cogrip.machine.stop import Stop, on_signals
-from cogrip.protocol.join_link import DEFAULT_PORT, JoinLink, place_text
-from cogrip.protocol.session import ClientSession
+from cogrip.protocol.wire.join_link import DEFAULT_PORT, JoinLink, place_text
+from cogrip.protocol.wire.session import ClientSession
 from cogrip.view.io.feed import LiveFeed
 from cogrip.view.io.gateway import Gateway
 from cogrip.view.io.hand_process import HandProcess

@@ -37,14 +37,15 @@ from cogrip.cli.terminal.problem import BadInput, Problem, above_zero
 from cogrip.cli.terminal.screen import LiveScreen, may_draw
 from cogrip.client.io.paths import JoinError, RefusedError
 from cogrip.client.loop import Ended, LiveClient
-from cogrip.client.rendered_damper import OverloadError
+from cogrip.client.seat.rendered_damper import OverloadError
 from cogrip.devices.device import DeviceError
 from cogrip.devices.simulated.device import SimulatedDevice
 from cogrip.devices.web.family import public
 from cogrip.machine.stop import Stop, on_signals
-from cogrip.protocol.session import IN_ORDER, SECONDS_OVER, ClientSession
-from cogrip.protocol.settings import SeatSettings, Settings
-from cogrip.protocol.settings_digest import digest
+from cogrip.protocol.settings.digest import digest
+from cogrip.protocol.settings.seat import SeatSettings
+from cogrip.protocol.settings.sections import Settings
+from cogrip.protocol.wire.session import IN_ORDER, SECONDS_OVER, ClientSession
 from cogrip.results.folder import client_recording, write_account, write_warnings
 from cogrip.results.summary import of_client
 from cogrip.results.verdict import succeeded, why_not

@@ -9,11 +9,19 @@ from dataclasses import dataclass, field
 from cogrip.cli.terminal.problem import BadInput, Problem
 from cogrip.client.io.paths import JoinError, Paths, Server, find
 from cogrip.devices.device import Capability
-from cogrip.protocol.channel import Channel, UnencryptedChannel
-from cogrip.protocol.join_link import DEFAULT_PORT, LinkError, is_link, is_secret, parse_link, split_place, unwrapped
-from cogrip.protocol.messages import Hello
-from cogrip.protocol.session import make_hello
+from cogrip.protocol.secure.channel import Channel, UnencryptedChannel
 from cogrip.protocol.version import VERSION
+from cogrip.protocol.wire.join_link import (
+    DEFAULT_PORT,
+    LinkError,
+    is_link,
+    is_secret,
+    parse_link,
+    split_place,
+    unwrapped,
+)
+from cogrip.protocol.wire.messages import Hello
+from cogrip.protocol.wire.session import make_hello
 
 
 @dataclass(frozen=True, slots=True)

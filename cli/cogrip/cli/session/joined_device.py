@@ -6,25 +6,21 @@ from cogrip.analysis.advice import advise_seat, unbounded
 from cogrip.analysis.plausible import hand_findings
 from cogrip.cli.settings.before_run import ALLOW, HELD_BY_NOBODY, refuse_implausible
 from cogrip.cli.terminal.problem import BadInput
-from cogrip.client import rendered_damper
+from cogrip.client.seat import rendered_damper
 from cogrip.devices.arm.driver import ArmDevice
 from cogrip.devices.device import Capability, Device, DeviceError
 from cogrip.devices.for_user import HANDLESS, address_of, make_for
 from cogrip.devices.registry import axes_of, make, record_of
 from cogrip.devices.replayed.device import ReplayedDevice
 from cogrip.machine.addition import add_floats
-from cogrip.protocol.line.delays import line_delay
-from cogrip.protocol.object_kinds import kind_of
-from cogrip.protocol.settings import SeatSettings, Settings, seat_axes
+from cogrip.protocol.settings.delays import line_delay
+from cogrip.protocol.settings.object_kinds import kind_of
+from cogrip.protocol.settings.room import seat_axes
+from cogrip.protocol.settings.seat import SeatSettings
+from cogrip.protocol.settings.sections import Settings
 
 DEFAULT_DEVICE = "sim:phantom?hand=reach"
 # The server chooses the settings, and the model's work grows with the cube of the frames in flight: a join must not hang.
-MOST_ADVISED_FRAMES = {
-    "wave": 96,
-    "local": 512,
-    "coupling": 40,
-    "tdpa": 512,
-}  # most frames of both directions together with which the model is computed; each takes about 2 s
 MOST_ADVISED_TICKS = 256  # most ticks of a frame with which the model is computed
 USUAL_HZ, LOOKED_AHEAD_S = 1024, 60.0  # rate and length with which a hand is checked before a server has told its own
 
@@ -118,7 +114,7 @@ def judge_seat(
     if not kind_of(seat.object.kind).spring:  # there is no model; what its device carries is known
         warnings = tuple(filter(None, [rendered_damper.refusal(seat, record), *unbounded(seat)]))
         refused = () if allow_unstable else warnings
-    elif frames > MOST_ADVISED_FRAMES[seat.coupling.kind] or seat.rates.ticks_per_frame > MOST_ADVISED_TICKS:
+    elif frames > seat.coupling.traits.advised_frames or seat.rates.ticks_per_frame > MOST_ADVISED_TICKS:
         warnings = ("no advice: the delays are too long for the model",)
     else:
         try:

@@ -8,8 +8,8 @@ from pathlib import Path
 from cogrip.cli.session.served_rooms import Say
 from cogrip.cli.terminal.problem import within
 from cogrip.server.events import ServerEvent
+from cogrip.server.io.loop import FLOOR_BYTES
 from cogrip.server.io.run_retention import DAY_S, GB, RunRetention, mark_run
-from cogrip.server.loop import FLOOR_BYTES
 
 MOST_DAYS, MOST_GB = 36_500.0, 1e6
 

@@ -8,7 +8,7 @@ from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
 from cogrip.cli.runs.run_folder import new_run_folder
 from cogrip.cli.session.network_rate import RateChoices, stated, write_choice
 from cogrip.cli.session.python_worlds import PythonWorlds, allow_python_worlds
-from cogrip.cli.settings.before_run import AllowUnstable, check_settings
+from cogrip.cli.settings.before_run import AllowUnstable, check_settings, tell_scene
 from cogrip.cli.settings.settings_file import load, refuse_real, try_hands, with_people
 from cogrip.cli.terminal.output import Json, make_console, write_text
 from cogrip.cli.terminal.parameters import Config, Devices, Hands, Overrides, Runs
@@ -42,6 +42,7 @@ def lab(
     refuse_real(settings)
     try_hands(settings)
     warnings = check_settings(settings, allow_unstable)
+    tell_scene(settings)
     console = make_console(stderr=True)
     folder = None if json else new_run_folder(runs, settings.name)
     for text in rates.lines():

@@ -14,7 +14,7 @@ from cogrip.client.io.paths import JoinError
 from cogrip.client.observer import ObserverCore
 from cogrip.client.observer_loop import LiveObserver
 from cogrip.machine.stop import Stop, on_signals
-from cogrip.protocol.session import ClientSession
+from cogrip.protocol.wire.session import ClientSession
 from cogrip.view.io.lab_outlet import LabOutlet, OutletError
 from cogrip.view.lab_streams import LabStreams
 

@@ -7,9 +7,10 @@ import msgspec
 from msgspec.structs import replace
 
 from cogrip.machine.platform import time
-from cogrip.protocol.network_rate import OUTSIDE_S, RATES_HZ, RateChoice, stated_frame_s
-from cogrip.protocol.settings import Settings, best_network_hz, for_remote_clients
-from cogrip.protocol.settings_digest import digest
+from cogrip.protocol.settings.digest import digest
+from cogrip.protocol.settings.network_rate import OUTSIDE_S, RATES_HZ, RateChoice, stated_frame_s
+from cogrip.protocol.settings.room import best_network_hz, for_remote_clients
+from cogrip.protocol.settings.sections import Settings
 from cogrip.results.folder import write_whole
 from cogrip.server.checkpoint import CheckpointError, decode
 from cogrip.server.io import checkpoint_file

@@ -12,7 +12,7 @@ from cogrip.client.io.paths import JoinError, Paths
 from cogrip.client.observer import ObserverCore
 from cogrip.client.observer_loop import LiveObserver
 from cogrip.machine.stop import Stop
-from cogrip.protocol.session import ClientSession
+from cogrip.protocol.wire.session import ClientSession
 
 TABLE_EVERY_NS = 100_000_000
 LINE_EVERY_NS = 1_000_000_000

@@ -18,10 +18,10 @@ from cogrip.cli.terminal.problem import BadInput, Problem, some_time, within
 from cogrip.cli.terminal.tables import Fitted, plain_table, wrapped
 from cogrip.cli.terminal.tables import say as say_lines
 from cogrip.machine.stop import Stop, on_signals
-from cogrip.protocol.channel import place_text
-from cogrip.protocol.join_link import DEFAULT_PORT, LinkError, split_place
-from cogrip.protocol.link_profile import Direction, Link
-from cogrip.protocol.network_profiles import ProfileName
+from cogrip.protocol.secure.channel import place_text
+from cogrip.protocol.settings.link_profile import Direction, Link
+from cogrip.protocol.settings.network_profiles import ProfileName
+from cogrip.protocol.wire.join_link import DEFAULT_PORT, LinkError, split_place
 from cogrip.sim.delay_trace import TraceError, read_trace
 from cogrip.sim.io.relay_loop import LiveRelay, PlaceError, RelayError
 from cogrip.sim.link import LinkEmulator, configured_link

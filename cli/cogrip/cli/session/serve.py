@@ -23,21 +23,22 @@ from cogrip.cli.terminal.problem import BadInput, Problem, some_time, within
 from cogrip.cli.terminal.screen import LiveScreen, may_draw
 from cogrip.machine.platform import system
 from cogrip.machine.stop import Stop, on_signals
-from cogrip.protocol.channel import place_text
-from cogrip.protocol.join_link import DEFAULT_PORT
-from cogrip.protocol.messages import MOST_WAIT_MS
-from cogrip.protocol.settings import Settings, for_remote_clients
+from cogrip.protocol.secure.channel import place_text
+from cogrip.protocol.settings.room import for_remote_clients
+from cogrip.protocol.settings.sections import Settings
 from cogrip.protocol.texts import named
 from cogrip.protocol.version import VERSION
+from cogrip.protocol.wire.join_link import DEFAULT_PORT
+from cogrip.protocol.wire.messages import MOST_WAIT_MS
 from cogrip.results.folder import SERVER_RECORDING, write_settings, write_warnings
 from cogrip.results.summary import of_room
 from cogrip.results.verdict import came, succeeded
 from cogrip.server.io.housekeeping import Housekeeping
+from cogrip.server.io.loop import FLOOR_BYTES, LiveServer
 from cogrip.server.io.metrics_feed import MetricsError, MetricsFeed, open_metrics
 from cogrip.server.io.run_retention import GB
 from cogrip.server.io.state_folder import StateError, StateFolder, state_path
 from cogrip.server.io.udp_port import HostError, ServeError
-from cogrip.server.loop import FLOOR_BYTES, LiveServer
 
 if TYPE_CHECKING:
     from cogrip.cli.session.serve_cluster import ClusterJob, ClusterServer

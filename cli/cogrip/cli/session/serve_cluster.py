@@ -16,20 +16,20 @@ from cogrip.cli.session.served_rooms import is_loopback
 from cogrip.cli.session.server_state import front_channel_of, public_place
 from cogrip.cli.terminal.problem import BadInput, Problem
 from cogrip.machine.stop import Stop
-from cogrip.protocol.channel import place_text
-from cogrip.protocol.network_rate import RateChoice
-from cogrip.protocol.settings import Settings
+from cogrip.protocol.secure.channel import place_text
+from cogrip.protocol.settings.network_rate import RateChoice
+from cogrip.protocol.settings.sections import Settings
 from cogrip.protocol.version import VERSION
+from cogrip.server.hosting.cluster.connection import ClusterError, RemoteRooms
+from cogrip.server.hosting.cluster.front import ClusterFront
+from cogrip.server.hosting.workers.administration import Administration
+from cogrip.server.hosting.workers.steering import open_public
 from cogrip.server.io.authenticator import TokenAuthenticator
-from cogrip.server.io.cluster.connection import ClusterError, RemoteRooms
-from cogrip.server.io.cluster.front import ClusterFront
 from cogrip.server.io.control import Control
+from cogrip.server.io.loop import FLOOR_BYTES
 from cogrip.server.io.metrics_feed import MetricsError, MetricsFeed, open_metrics
 from cogrip.server.io.state_folder import StateError, StateFolder
 from cogrip.server.io.udp_port import HostError, PortRange, ServeError, cannot_listen
-from cogrip.server.io.workers.administration import Administration
-from cogrip.server.io.workers.steering import open_public
-from cogrip.server.loop import FLOOR_BYTES
 
 COMMAND = ("cogrip.cli.session.cluster_room",)
 PORTS = re.compile(r"(\d{1,5})-(\d{1,5})\Z")

@@ -16,21 +16,21 @@ from cogrip.cli.session.server_state import front_channel_of
 from cogrip.cli.session.worker import Job
 from cogrip.cli.terminal.problem import BadInput, Problem
 from cogrip.machine.platform import system
+from cogrip.machine.server_platform import memory_file
 from cogrip.machine.stop import Stop
-from cogrip.protocol.channel import Address
-from cogrip.protocol.network_rate import RateChoice
-from cogrip.protocol.settings import Settings
+from cogrip.protocol.secure.channel import Address
+from cogrip.protocol.settings.network_rate import RateChoice
+from cogrip.protocol.settings.sections import Settings
 from cogrip.protocol.version import VERSION
+from cogrip.server.hosting.workers.administration import Administration
+from cogrip.server.hosting.workers.front import DYING, Front, FrontChannel, shares
+from cogrip.server.hosting.workers.pool import START_LIMIT_S, WorkerPool
+from cogrip.server.hosting.workers.steering import Steering, open_public, replaces_safely
 from cogrip.server.io.authenticator import TokenAuthenticator
 from cogrip.server.io.control import Control
 from cogrip.server.io.metrics_feed import MetricsError, MetricsFeed, open_metrics
-from cogrip.server.io.platform import memory_file
 from cogrip.server.io.state_folder import StateError, StateFolder
 from cogrip.server.io.udp_port import HostError, ServeError, cannot_listen
-from cogrip.server.io.workers.administration import Administration
-from cogrip.server.io.workers.front import DYING, Front, FrontChannel, shares
-from cogrip.server.io.workers.pool import START_LIMIT_S, WorkerPool
-from cogrip.server.io.workers.steering import Steering, open_public, replaces_safely
 
 ORPHANS_S = 1.0  # time for which workers of a front that was killed may still have the port
 

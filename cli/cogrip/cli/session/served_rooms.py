@@ -10,12 +10,13 @@ from typing import Literal
 import msgspec
 
 from cogrip.cli.session.network_rate import RateChoices
-from cogrip.cli.settings.before_run import scene_warnings, together
+from cogrip.cli.settings.before_run import scene_notes, scene_warnings, together
 from cogrip.cli.settings.settings_file import load
 from cogrip.cli.terminal.problem import BadInput, within
 from cogrip.devices.device import DeviceError
 from cogrip.machine.platform import system
-from cogrip.protocol.settings import Settings, not_passive
+from cogrip.protocol.settings.room import not_passive
+from cogrip.protocol.settings.sections import Settings
 from cogrip.server.events import ServerEvent
 
 MOST_WORKERS = 256
@@ -88,7 +89,7 @@ def warn_of(rooms: Sequence[Settings], bound: tuple[str, int], encrypted: bool, 
                 f"warning: room {settings.name} is not passive ({active}): it can make energy, and throw about what people "
                 "hold; serve people you trust, or leave these settings out"
             )
-        if encrypted and settings.coupling.kind == "coupling":
+        if encrypted and not settings.coupling.traits.passive:
             lines.append(
                 f"warning: room {settings.name}: virtual coupling bounds speeds but no power: "
                 "serve people you trust, or waves"
@@ -98,7 +99,8 @@ def warn_of(rooms: Sequence[Settings], bound: tuple[str, int], encrypted: bool, 
             advised[key] = _advice_on(settings)
         people = [user.name for user in settings.users]
         lines += [f"warning: room {settings.name}: {text}" for text in together(advised[key], people)]
-        for line in lines:
+        notes = [f"note: room {settings.name}: {text}" for text in scene_notes(settings)]
+        for line in (*lines, *notes):
             say(line)
     return told
 

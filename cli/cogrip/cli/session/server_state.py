@@ -11,9 +11,9 @@ from typing import TYPE_CHECKING
 
 from cogrip.cli.session.served_rooms import Say
 from cogrip.cli.terminal.problem import BadInput, Problem
-from cogrip.protocol.channel import Address
-from cogrip.protocol.join_link import JoinLink, LinkError, check_host
-from cogrip.protocol.settings import Settings
+from cogrip.protocol.secure.channel import Address
+from cogrip.protocol.settings.sections import Settings
+from cogrip.protocol.wire.join_link import JoinLink, LinkError, check_host
 from cogrip.server.core import ServerCore
 from cogrip.server.events import ServerEvent
 from cogrip.server.io.authenticator import TokenAuthenticator

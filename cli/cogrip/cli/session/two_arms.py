@@ -22,7 +22,7 @@ from cogrip.cli.terminal.platform import no_stop_key
 from cogrip.cli.terminal.problem import BadInput, Problem
 from cogrip.machine.platform import system
 from cogrip.machine.stop import Stop, on_signals
-from cogrip.protocol.settings import Settings
+from cogrip.protocol.settings.sections import Settings
 
 LOOK_EVERY_S = 0.02
 NO_SUCH_SEAT = "no seat is kept for "

@@ -16,7 +16,7 @@ from cogrip.cli.terminal.parameters import RunsBelow
 from cogrip.cli.terminal.problem import BadInput, Problem, above_zero, within
 from cogrip.client.io.paths import JoinError, find
 from cogrip.machine.stop import Stop, on_signals
-from cogrip.protocol.session import ClientSession
+from cogrip.protocol.wire.session import ClientSession
 from cogrip.view.io.feed import Feed, LiveFeed, RecordedFeed
 from cogrip.view.io.hand_link import HandLink
 from cogrip.view.io.process import PortError, ViewProcess

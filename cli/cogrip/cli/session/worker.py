@@ -13,20 +13,20 @@ from typing import Literal
 import msgspec
 
 from cogrip.cli.session.log_lines import LogLines
+from cogrip.machine.server_platform import content_of
 from cogrip.machine.stop import Stop
-from cogrip.protocol.network_rate import RateChoice
-from cogrip.protocol.settings import Settings
+from cogrip.protocol.settings.network_rate import RateChoice
+from cogrip.protocol.settings.sections import Settings
 from cogrip.protocol.version import VERSION
 from cogrip.results.folder import SERVER_RECORDING, write_settings
+from cogrip.server.hosting.link import Assign, Link, LinkEndedError, Ready
+from cogrip.server.hosting.workers.channel import WorkerChannel
+from cogrip.server.hosting.workers.orders import LinkMeasures, LinkOrders
+from cogrip.server.hosting.workers.paths import WorkerPort
+from cogrip.server.hosting.workers.verdicts import FrontVerdicts
 from cogrip.server.io.housekeeping import Housekeeping
-from cogrip.server.io.platform import content_of
+from cogrip.server.io.loop import LiveServer
 from cogrip.server.io.state_folder import StateFolder
-from cogrip.server.io.workers.channel import WorkerChannel
-from cogrip.server.io.workers.link import Assign, Link, LinkEndedError, Ready
-from cogrip.server.io.workers.orders import LinkMeasures, LinkOrders
-from cogrip.server.io.workers.paths import WorkerPort
-from cogrip.server.io.workers.verdicts import FrontVerdicts
-from cogrip.server.loop import LiveServer
 from cogrip.server.rate_limit import RateLimiter, limits_for
 from cogrip.server.room import Room
 

@@ -19,8 +19,9 @@ from cogrip.cli.terminal.problem import BadInput
 from cogrip.cli.terminal.tables import say
 from cogrip.devices.device import DeviceError
 from cogrip.devices.registry import FAMILIES, is_real
-from cogrip.protocol.object_kinds import kind_of
-from cogrip.protocol.settings import Settings
+from cogrip.protocol.settings.object_kinds import kind_of
+from cogrip.protocol.settings.room import seat_settings
+from cogrip.protocol.settings.sections import Settings
 
 AllowUnstable = Annotated[
     bool,
@@ -140,6 +141,24 @@ def scene_warnings(settings: Settings) -> tuple[str, ...]:
 
     with BadInput.of(ValueError):  # a SceneError
         return tuple(finding.text for finding in scene_findings(settings) if finding.warns)
+
+
+def scene_notes(settings: Settings) -> tuple[str, ...]:
+    """Return what those who hold or look at a scene are told of it; nothing of other objects. Raises BadInput."""
+    if settings.object.kind != "scene":
+        return ()
+    from cogrip.server.schemes import make_scene_world  # with MuJoCo
+
+    with BadInput.of(ValueError):  # a SceneError
+        world = make_scene_world(settings, [seat_settings(settings, seat) for seat in range(len(settings.users))])
+        return tuple(world.drawing.notes())
+
+
+def tell_scene(settings: Settings) -> None:
+    """Print on standard error what is not drawn, not used or changed of a scene. Raises BadInput."""
+    errors = make_console(stderr=True, soft_wrap=True)
+    for text in scene_notes(settings):
+        say(errors, f"note: {text}")
 
 
 def warn(texts: Iterable[str]) -> list[str]:

@@ -26,10 +26,11 @@ from cogrip.cli.terminal.problem import BadInput
 from cogrip.devices.device import DeviceError
 from cogrip.devices.for_user import try_for
 from cogrip.devices.registry import is_real
-from cogrip.protocol.network_rate import asks_auto
-from cogrip.protocol.object_kinds import KINDS, PYTHON, split_python
-from cogrip.protocol.settings import Settings, rates_of, resolve, seat_axes, seat_settings
-from cogrip.protocol.settings_table import SettingsError, parse_override
+from cogrip.protocol.settings.network_rate import asks_auto
+from cogrip.protocol.settings.object_kinds import KINDS, PYTHON, split_python
+from cogrip.protocol.settings.room import rates_of, resolve, seat_axes, seat_settings
+from cogrip.protocol.settings.sections import Settings
+from cogrip.protocol.settings.table import SettingsError, parse_override
 
 NESTED = "is nested too deep for settings, which have three levels; take the brackets out"
 TRACES = ("link.trace", "link.up.trace", "link.down.trace")
@@ -159,7 +160,7 @@ def _overrides(overrides: Overrides) -> dict[str, Any]:
             found[key] = str(Path(value).absolute())
         if key == "object.file" and isinstance(value, str) and value:
             found[key] = _scene_at(Path(), value)
-        if key == "object.kind" and isinstance(value, str):
+        if key in ("object.kind", "object.script") and isinstance(value, str):
             found[key] = _kind_at(Path(), value)
     return found
 
@@ -184,6 +185,8 @@ def _place_scene(table: dict[str, Any], folder: Path) -> None:
     section = table.get("object")
     if isinstance(section, dict) and isinstance(section.get("kind"), str):
         section["kind"] = _kind_at(folder, section["kind"])
+    if isinstance(section, dict) and isinstance(section.get("script"), str):
+        section["script"] = _kind_at(folder, section["script"])
     if isinstance(section, dict) and isinstance(section.get("file"), str) and section["file"]:
         section["file"] = _scene_at(folder, section["file"])
     if isinstance(section, dict) and isinstance(section.get("folder"), str) and section["folder"]:
@@ -203,7 +206,14 @@ def _kind_at(folder: Path, kind: str) -> str:
 
 
 def _try_world(settings: Settings, where: str) -> None:
-    """Raise BadInput for a world that cannot be had, before anything is started."""
+    """Raise BadInput for a world or a scene's script that cannot be had, before anything is started."""
+    if settings.object.script:
+        from cogrip.server.worlds.registry import WorldKindError
+        from cogrip.server.worlds.scene_script import script_of
+        from cogrip.server.worlds.world import WorldError
+
+        with BadInput.of(WorldKindError, WorldError, where=where):
+            script_of(settings.object.script)
     if settings.object.kind not in KINDS:
         from cogrip.server.worlds.registry import WorldKindError, make_guarded
         from cogrip.server.worlds.world import WorldError
@@ -218,8 +228,11 @@ def _try_scene(settings: Settings, where: str) -> None:
         from cogrip.server.schemes import make_scene_world
         from cogrip.server.worlds.scene_text import SceneError
 
+        alone = msgspec.structs.replace(
+            settings, object=msgspec.structs.replace(settings.object, script="")
+        )  # a client runs no program
         with BadInput.of(SceneError, where=f"{where}object.file: "):
-            make_scene_world(settings, [seat_settings(settings, seat) for seat in range(len(settings.users))])
+            make_scene_world(alone, [seat_settings(settings, seat) for seat in range(len(settings.users))])
 
 
 def _try_traces(settings: Settings, where: str) -> None:

@@ -4,8 +4,8 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Any
 
-from cogrip.protocol.settings import resolve
-from cogrip.protocol.settings_table import SettingsError
+from cogrip.protocol.settings.room import resolve
+from cogrip.protocol.settings.table import SettingsError
 
 SET = "--set "
 

@@ -22,8 +22,8 @@ from cogrip.cli.terminal.output import Json, make_console, write_json
 from cogrip.cli.terminal.parameters import Config, Devices, Overrides
 from cogrip.cli.terminal.problem import BadInput
 from cogrip.devices.device import DeviceError
-from cogrip.protocol.object_kinds import kind_of
-from cogrip.protocol.settings import Settings
+from cogrip.protocol.settings.object_kinds import kind_of
+from cogrip.protocol.settings.sections import Settings
 
 
 def advise_command(

@@ -21,7 +21,7 @@ from cogrip.cli.terminal.parameters import Overrides
 from cogrip.cli.terminal.problem import BadInput
 from cogrip.cli.terminal.tables import say
 from cogrip.devices.device import DeviceError
-from cogrip.protocol.settings import Settings
+from cogrip.protocol.settings.sections import Settings
 
 
 @Parameter(name="*")

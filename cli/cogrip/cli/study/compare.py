@@ -32,7 +32,7 @@ from cogrip.experiments.methods.table import cells, columns_of, notes, tone
 from cogrip.experiments.runner import run_experiment
 from cogrip.experiments.worker_pool import LocalWorkers
 from cogrip.machine.stop import Stop, on_signals
-from cogrip.protocol.settings import Settings
+from cogrip.protocol.settings.sections import Settings
 from cogrip.results.compared_methods import ours_failed
 from cogrip.results.folder import finite
 

@@ -25,8 +25,8 @@ from cogrip.experiments.study.study_file import Study
 from cogrip.experiments.study.trial import Event, TrialState, begun_by, ended_by
 from cogrip.machine.stop import Stop
 from cogrip.protocol.recording.records import Step
-from cogrip.protocol.session import ClientSession
-from cogrip.protocol.settings import Settings, User
+from cogrip.protocol.settings.sections import Settings, User
+from cogrip.protocol.wire.session import ClientSession
 from cogrip.results.folder import SETTINGS, client_log, write_settings
 from cogrip.results.measures.goal import Goal, GoalWatch
 from cogrip.server.io.control import Mark, ask

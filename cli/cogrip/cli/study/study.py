@@ -29,7 +29,7 @@ from cogrip.experiments.study.table import caught, thresholds
 from cogrip.machine.addition import add_integers
 from cogrip.machine.platform import system
 from cogrip.machine.stop import Stop, on_signals
-from cogrip.protocol.join_link import DEFAULT_PORT
+from cogrip.protocol.wire.join_link import DEFAULT_PORT
 
 REVERSALS = (
     "reversals: mean of the levels at which tracks turned; above the threshold of whoever is flat or lapses: by a quarter at "

@@ -11,7 +11,7 @@ from cogrip.cli.settings.settings_file import load, place_files, refuse_real, tr
 from cogrip.cli.settings.shipped_settings import SUFFIX, is_name, shipped_folder
 from cogrip.cli.terminal.problem import BadInput
 from cogrip.experiments.study.study_file import Study, StudyError, check, read_study
-from cogrip.protocol.settings import Settings
+from cogrip.protocol.settings.sections import Settings
 
 STUDIES = "studies"
 

@@ -12,8 +12,8 @@ from cyclopts import (
     UnusedCliTokensError,
 )  # fmt: skip
 
-from cogrip.protocol.join_link import is_link, is_secret
-from cogrip.protocol.setting_errors import expects
+from cogrip.protocol.settings.errors import expects
+from cogrip.protocol.wire.join_link import is_link, is_secret
 
 SECRET = "a join link"
 _KINDS = {float: "a number", int: "a whole number", bool: "true or false"}

@@ -3,7 +3,7 @@
 from collections.abc import Iterator
 from contextlib import contextmanager
 
-from cogrip.protocol.setting_errors import expects
+from cogrip.protocol.settings.errors import expects
 
 
 class Problem(Exception):  # noqa: N818 (what a person reads, not what a program broke)

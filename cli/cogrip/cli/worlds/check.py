@@ -13,11 +13,12 @@ from cogrip.cli.settings.shipped_settings import SUFFIX, shipped_names
 from cogrip.cli.terminal.output import Json, make_console, write_json
 from cogrip.cli.terminal.parameters import Overrides
 from cogrip.cli.terminal.problem import BadInput
-from cogrip.cli.worlds.scene_check import SUFFIXES, check_scene, show
+from cogrip.cli.worlds.scene_check import SUFFIXES, check_scene, shown_on
 from cogrip.machine.addition import add_integers
-from cogrip.protocol.object_kinds import KINDS, PYTHON, split_python
-from cogrip.protocol.settings import Settings, resolve, seat_settings
-from cogrip.protocol.settings_table import SettingsError
+from cogrip.protocol.settings.object_kinds import KINDS, PYTHON, split_python
+from cogrip.protocol.settings.room import resolve, seat_settings
+from cogrip.protocol.settings.sections import Settings
+from cogrip.protocol.settings.table import SettingsError
 from cogrip.server.io.call_limit import COMPUTE_LIMIT_S, WAIT_LIMIT_S, call_limit
 from cogrip.server.schemes import make_room_world
 from cogrip.server.worlds.conformance import CHECKS, Subject, UnfitError
@@ -33,7 +34,8 @@ def world_check(world: str, /, *, overrides: Overrides = (), json: Json = None) 
 
     A world is tried with its fewest and its most seats and axes, up to four and three. Exit code 0 when all promises are kept.
     Of a scene's file it is told what is loaded, where tools are added, what is set, changed and not used, what hands feel, what
-    energy it makes in random pushes, and what a frame costs. Exit code 0 when it can be used.
+    energy it makes in random pushes, what a frame costs, and up to which delay two people hold its object. Exit code 0 when it
+    can be used.
 
     Parameters
     ----------
@@ -43,11 +45,9 @@ def world_check(world: str, /, *, overrides: Overrides = (), json: Json = None) 
     """
     console = make_console(soft_wrap=True)
     if world.lower().endswith(SUFFIXES):
-        answer = check_scene(Path(world), overrides)
+        answer = check_scene(Path(world), overrides) if json else check_scene(Path(world), overrides, shown_on(console))
         if json:
             write_json(answer, json)
-        else:
-            show(answer, console)
         return 0 if answer["usable"] else 1
     if overrides or json:
         raise BadInput("--set and --json are of a scene's file; put settings of a world into a file")

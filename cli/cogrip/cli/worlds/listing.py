@@ -2,7 +2,7 @@
 
 from cogrip.cli.terminal.output import make_console
 from cogrip.cli.terminal.tables import columns_table
-from cogrip.protocol.object_kinds import KINDS
+from cogrip.protocol.settings.object_kinds import KINDS
 from cogrip.server.worlds.registry import WORLDS, WorldKindError, entry_point_kinds, world_class_of
 
 SCENE = "Rigid bodies with contact and friction, of an MJCF or URDF file."

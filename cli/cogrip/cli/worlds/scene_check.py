@@ -1,8 +1,9 @@
 """`cogrip worlds check FILE.xml`: what becomes of a scene that somebody else wrote, before anybody holds its tools."""
 
+import shlex
 import statistics
 import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
 
@@ -13,33 +14,50 @@ from rich.text import Text
 from cogrip.cli.settings.settings_file import override
 from cogrip.cli.terminal.problem import BadInput
 from cogrip.cli.terminal.tables import wrapped
-from cogrip.protocol.settings import Settings, resolve, seat_settings
-from cogrip.protocol.settings_table import SettingsError
+from cogrip.protocol.settings.room import resolve, seat_settings
+from cogrip.protocol.settings.sections import Settings
+from cogrip.protocol.settings.table import SettingsError
 
 SUFFIXES = (".xml", ".mjcf", ".urdf")
+MOST_HOLD_S = 60.0  # most processor time for the delays up to which something stays held
 FRAMES = 256  # number of frames that are stepped to see what a frame costs
 MARKS = {"ok": ("✓", "green"), "note": ("·", "cyan"), "warning": ("!", "yellow"), "refused": ("✗", "red")}
 Row = tuple[str, str, str]
 """Level, topic and words of a finding."""
 
 
-def check_scene(file: Path, overrides: tuple[str, ...]) -> dict[str, Any]:
-    """Return one row for each thing that is worth knowing of a scene.
+def check_scene(
+    file: Path, overrides: tuple[str, ...], tell: Callable[[Row], None] = lambda row: None
+) -> dict[str, Any]:
+    """Return one row for each thing that is worth knowing of a scene. tell: called with each as soon as it is known.
 
     `usable` is False where the scene is refused, or makes more energy than hands may be given. Raises BadInput.
     """
-    rows = list(rows_of(settings_of(file, overrides)))
-    told = [{"level": level, "topic": topic, "text": text} for level, topic, text in rows]
-    return {"file": str(file), "usable": not any(level == "refused" for level, _, _ in rows), "rows": told}
+    settings = settings_of(file, overrides)
+    rows = []
+    for row in rows_of(settings):
+        rows.append(row)
+        tell(row)
+    usable = not any(level == "refused" for level, _, _ in rows)
+    answer: dict[str, Any] = {"file": str(file), "usable": usable}
+    if usable:
+        row, answer["held"] = _held(settings)
+        rows.append(row)
+        tell(row)
+    return answer | {"rows": [{"level": level, "topic": topic, "text": text} for level, topic, text in rows]}
 
 
-def show(answer: dict[str, Any], console: Console) -> None:
-    """Print the rows of `check_scene`, each a line."""
-    for row in answer["rows"]:
-        sign, colour = MARKS[row["level"]]
-        line = Text(wrapped(f"{sign} {row['topic']}: {row['text']}", console, "  "))
+def shown_on(console: Console) -> Callable[[Row], None]:
+    """Return a function that prints a row of `check_scene`, on a line of its own."""
+
+    def show(row: Row) -> None:
+        level, topic, text = row
+        sign, colour = MARKS[level]
+        line = Text(wrapped(f"{sign} {topic}: {text}", console, "  "))
         line.stylize(colour, 0, 1)
         console.print(line, soft_wrap=True)
+
+    return show
 
 
 def settings_of(file: Path, overrides: tuple[str, ...]) -> Settings:
@@ -63,6 +81,11 @@ def rows_of(settings: Settings) -> Iterator[Row]:
     account = account_of(settings, frame_s)
     if account.refused:
         yield "refused", "loads", account.refused
+        if account.folder:
+            command = shlex.join(
+                ["cogrip", "worlds", "check", settings.object.file, "--set", f"object.folder={account.folder}"]
+            )
+            yield "note", "to load it", f"`{command}`, if all that lies below that folder may be read"
         return
     yield (
         "ok",
@@ -80,6 +103,36 @@ def rows_of(settings: Settings) -> Iterator[Row]:
         lines = {f"{name}: {text}" if name else text for name in whose}
         yield "refused" if lines & refused else level, topic, named
     yield "ok", "cost", _cost(settings, frame_s)
+
+
+def _held(settings: Settings) -> tuple[Row, dict[str, Any]]:
+    """Return up to which delay the scene's object stays held, as a row and in numbers."""
+    from cogrip.analysis.scene_hold import MOST_SLIP_M, SECONDS, hold
+
+    began_s = time.process_time()
+    found = hold(settings, lambda: time.process_time() - began_s > MOST_HOLD_S)
+    spent_s = time.process_time() - began_s
+    finding = found.finding()
+    text = (
+        f"{finding.text}; computed in {spent_s:.1f} s of {MOST_HOLD_S:g} that this may take"
+        if found.tried
+        else finding.text
+    )
+    tried = [
+        {
+            "delay_ms": each.delay_ms,
+            "held": each.held,
+            "lifted_m": each.lifted_m,
+            "slip_m": each.slip_m,
+            "why": each.why,
+        }
+        for each in found.tried
+    ]
+    numbers = {
+        "body": found.body, "press_n": found.press_n, "up_to_ms": found.up_to_ms, "most_slip_m": MOST_SLIP_M,
+        "session_s": SECONDS, "tried": tried, "why": found.why,
+    }  # fmt: skip
+    return (finding.level, finding.topic, text), numbers
 
 
 def _cost(settings: Settings, frame_s: float) -> str:

@@ -4,7 +4,7 @@ from math import pi, sin
 
 from cogrip.client.effects.laws import ActiveLaw, Box, Row, unit
 from cogrip.machine.addition import add_floats
-from cogrip.protocol.effects import Effect
+from cogrip.protocol.settings.effects import Effect
 
 
 class Vibration(ActiveLaw):

@@ -1,7 +1,7 @@
 """Viscous field: F = B v in a box."""
 
 from cogrip.client.effects.laws import NOTHING, Box, Felt, PassiveLaw, Row
-from cogrip.protocol.effects import Effect
+from cogrip.protocol.settings.effects import Effect
 
 
 class ViscousField(PassiveLaw):

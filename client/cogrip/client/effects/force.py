@@ -14,23 +14,23 @@ from collections import deque
 from collections.abc import Callable, Sequence
 from math import hypot, inf
 
-from cogrip.client.coupling import DelayLine
-from cogrip.client.device_port import DevicePort
+from cogrip.client.coupling.interface import DelayLine
 from cogrip.client.effects.active import Texture, Vibration
 from cogrip.client.effects.fields import ViscousField
+from cogrip.client.effects.hand_aids import part_of
 from cogrip.client.effects.laws import ActiveLaw, PassiveLaw, Row
+from cogrip.client.effects.source import EffectSource
 from cogrip.client.effects.springs import ForbiddenZone, GuidingPath, Magnet
 from cogrip.client.effects.tank import EnergyTank
-from cogrip.client.force_limits import MOST_SLOPE_NPS
-from cogrip.client.hand_aids import part_of
-from cogrip.client.hand_map import HandMap
-from cogrip.client.safety import Safety
-from cogrip.devices.device import Capability
+from cogrip.client.hand.frame import HandFrame
+from cogrip.client.safety.device_port import DevicePort
+from cogrip.client.safety.limiter import Safety
+from cogrip.devices.device import MOST_SLOPE_NPS, Capability
 from cogrip.machine.addition import add_floats
-from cogrip.protocol.accounts import EffectAccount
-from cogrip.protocol.effects import MOST_EFFECTS, Effect, EffectKind, unfit_effect
-from cogrip.protocol.messages import Effects
-from cogrip.protocol.setting_types import PLACES
+from cogrip.protocol.axes import PLACES
+from cogrip.protocol.settings.effects import MOST_EFFECTS, Effect, EffectKind, unfit_effect
+from cogrip.protocol.wire.accounts import EffectAccount
+from cogrip.protocol.wire.messages import Effects
 
 RAMP_S = 0.02  # time in which an effect fades in or out where it is not at rest
 MOST_STEP_N = 0.5  # largest change of the force in a tick by a spring that fades in or out
@@ -61,7 +61,7 @@ class _Entry:
         self.ended = False
 
 
-class EffectForce:
+class EffectForce(EffectSource):
     """Effects of a seat of `axes` axes, the first three of them places; forces are shape (axes,) [N].
 
     asked_n   force of this tick, before ramp and limits; None where there is none
@@ -75,6 +75,7 @@ class EffectForce:
 
     def __init__(self, axes: int, tick_s: float, base_nspm: float) -> None:
         """base_nspm: damping that the coupling has of what the device carries."""
+        super().__init__()
         self._axes, self._places, self._tick_s, self._base = axes, min(axes, PLACES), tick_s, base_nspm
         self._entries: dict[int, _Entry] = {}
         self._known: deque[int] = deque(maxlen=8 * MOST_EFFECTS)
@@ -84,12 +85,9 @@ class EffectForce:
         self._reserved: deque[float] = deque(maxlen=1)  # for active forces that have yet to act, this tick's the last
         self._law: Sequence[float] = ()  # of all at the hand, of the last tick that had one
         self.tank = EnergyTank()
-        self.asked_n: Row | None = None
         self.active_n: Row = ()
         self.local_n: Row = ()
         self.acted_n: Row = ()
-        self.stored_j = self.work_j = 0.0
-        self.reduced = False
         self._version = 0
         self._told = 0
 
@@ -170,13 +168,13 @@ class EffectForce:
         velocity_mps: Row,
         gain: float,
         carried: tuple[float, float],
-        hand_map: HandMap | None = None,
+        frame: HandFrame,
     ) -> Row | None:
         """Return the force of all effects [N] until the next tick, shape (axes,), before the ramp; None for none.
 
         gain      of that ramp, as it will be in this tick
         carried   impedance [N s/m] and stiffness [N/m] that the device carries, at the tool
-        hand_map  between hand and tool: places and velocities are the tool's, the force is the hand's
+        frame     of the hand: places and velocities are the tool's, the force is the hand's
         """
         self._held, self.asked_n, self.reduced = _NO_ROWS, None, False
         if not self._entries:
@@ -187,38 +185,24 @@ class EffectForce:
         for entry in self._entries.values():
             if tick - entry.begun >= entry.left_ticks:
                 entry.ended = True
-        per_tool = hand_map.tool.force_scale / hand_map.tool.position_scale if hand_map else 1.0
+        per_tool = frame.tool.force_scale / frame.tool.position_scale
         active = self._active(tick, position_m, gain, carried[1], per_tool)
-        spring, damper = self._passive(
-            position_m, velocity_mps, gain, carried, hand_map.power_ratio if hand_map else 1.0
-        )
-        if hand_map is not None:
-            active, spring, damper = [hand_map.hand_force(row) for row in (active, spring, damper)]
-        total = [a + s + d for a, s, d in zip(active, spring, damper, strict=True)]
-        self.active_n, self.local_n = active, [s + d for s, d in zip(spring, damper, strict=True)]
-        self._held = total, active, damper
+        spring, damper = self._passive(position_m, velocity_mps, gain, carried, frame.power_ratio)
+        at_hand = [frame.hand_force(row) for row in (active, spring, damper)]
+        total = tuple([a + s + d for a, s, d in zip(*at_hand, strict=True)])
+        self.active_n, self.local_n = at_hand[0], [s + d for s, d in zip(*at_hand[1:], strict=True)]
+        self._held = total, at_hand[0], at_hand[2]
         self.asked_n = total
         return total
 
     def added(
-        self,
-        tick: int,
-        coupling_n: Sequence[float] | None,
-        hand_m: Row,
-        hand_mps: Row,
-        safety: Safety,
-        port: DevicePort,
-        hand_map: HandMap | None,
-    ) -> Sequence[float] | None:
-        """Return the coupling's law with all effects. Without one the last force fades, and what springs held is lost."""
-        if coupling_n is None:
-            self.begin_anew()
-            return None
-        carried = port.carried_nspm
-        if hand_map is not None:
-            hand_m, hand_mps, carried = hand_map.place(hand_m), hand_map.shown(hand_mps), carried / hand_map.stiffest
+        self, tick: int, coupling_n: Sequence[float], hand_m: tuple[float, ...], hand_mps: Sequence[float], safety: Safety,
+        port: DevicePort, frame: HandFrame,
+    ) -> Sequence[float]:  # fmt: skip
+        carried = port.carried_nspm / frame.stiffest
         most_npm = carried / port.lag_s if port.lag_s else inf
-        more = self.step(tick, hand_m, hand_mps, safety.coming_gain(), (carried, most_npm), hand_map)
+        at_m, rates = frame.place(hand_m), frame.shown(hand_mps)
+        more = self.step(tick, at_m, rates, safety.coming_gain(), (carried, most_npm), frame)
         self._law = coupling_n if more is None else [a + b for a, b in zip(coupling_n, more, strict=True)]
         return self._law
 

@@ -8,7 +8,7 @@ from collections.abc import Sequence
 from typing import NamedTuple
 
 from cogrip.machine.addition import add_floats
-from cogrip.protocol.effects import Effect
+from cogrip.protocol.settings.effects import Effect
 
 Row = Sequence[float]
 

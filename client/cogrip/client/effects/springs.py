@@ -9,7 +9,7 @@ from math import sqrt
 
 from cogrip.client.effects.laws import NOTHING, Box, Felt, PassiveLaw, Row, unit
 from cogrip.machine.addition import add_floats
-from cogrip.protocol.effects import Effect
+from cogrip.protocol.settings.effects import Effect
 
 _STEEPEST = 16.0 / (25.0 * sqrt(5.0))  # largest value of r (1 - r^2)^2, at r^2 = 1/5
 

@@ -16,10 +16,10 @@ from cogrip.client.path_migration import PathMigration
 from cogrip.machine.datagrams import open_arrivals
 from cogrip.machine.platform import system, time
 from cogrip.machine.stop import Stop
-from cogrip.protocol.channel import PEER, Channel, place_text
-from cogrip.protocol.join_link import LinkError, split_place
-from cogrip.protocol.messages import MAX_DATAGRAM_BYTES, Redirect
-from cogrip.protocol.session import GIVE_UP_NS, MOST_REDIRECTS, ClientSession
+from cogrip.protocol.secure.channel import PEER, Channel, place_text
+from cogrip.protocol.wire.join_link import LinkError, split_place
+from cogrip.protocol.wire.messages import MAX_DATAGRAM_BYTES, Redirect
+from cogrip.protocol.wire.session import GIVE_UP_NS, MOST_REDIRECTS, ClientSession
 
 REFUSED = "connection refused"
 POLL_S = 0.002  # time between two polls where nothing ticks

@@ -18,7 +18,7 @@ from cogrip.devices.device import Capability, DeviceError, Sample
 from cogrip.devices.driver import Driver
 from cogrip.devices.way_in import into_sphere
 from cogrip.machine.addition import add_floats
-from cogrip.protocol.rotations import Quaternion
+from cogrip.protocol.laws.rotations import Quaternion
 
 HEADROOM = 0.92
 """Largest force, as a fraction of the peak force. Currents are those of where the arm was, and hold as it moves on."""

@@ -12,7 +12,7 @@ from math import cos, pi, sin
 
 from cogrip.devices.arm.kinematics import Kinematics, Vector
 from cogrip.devices.arm.polhem import Polhem
-from cogrip.protocol.rotations import Quaternion, product
+from cogrip.protocol.laws.rotations import Quaternion, product
 
 
 @dataclass(frozen=True, slots=True)

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from cogrip.devices.arm.pose import Calibration, OwnLosses
 from cogrip.devices.device import Capability, Device, Sample
 from cogrip.devices.emulated.firmware import Firmware
-from cogrip.protocol.rates import due_ns
+from cogrip.protocol.settings.rates import due_ns
 
 
 @dataclass(frozen=True, slots=True)

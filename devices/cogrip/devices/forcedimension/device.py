@@ -20,8 +20,8 @@ from cogrip.devices.driver import Driver
 from cogrip.devices.forcedimension.models import confirm, with_handle
 from cogrip.devices.forcedimension.sdk import BY_WATCHDOG, OFF_CAUSES, SATURATED, SUCCESS, TIME_GUARD, Sdk
 from cogrip.devices.frozen_position import FrozenPosition
-from cogrip.protocol.rotations import Quaternion, log, of_matrix
-from cogrip.protocol.setting_types import GRIP_AXES, PLACES, POSE_AXES
+from cogrip.protocol.axes import GRIP_AXES, PLACES, POSE_AXES
+from cogrip.protocol.laws.rotations import Quaternion, log, of_matrix
 
 WATCHDOG = 255  # units of 125 us: after 32 ms without a force the controller turns forces off
 FED_S = 0.025  # pause between two forces from which on the watchdog may have turned forces off

@@ -12,7 +12,7 @@ from cogrip.devices.forcedimension.models import RECORDS, axes_of, record_of
 from cogrip.devices.forcedimension.sdk import Sdk
 from cogrip.devices.registry import Family
 from cogrip.devices.settings import Address, Setting, check_axes, read_query
-from cogrip.protocol.setting_types import GRIP_AXES, POSE_AXES
+from cogrip.protocol.axes import GRIP_AXES, POSE_AXES
 
 MOST_DEVICES = 16
 

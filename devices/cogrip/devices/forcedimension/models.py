@@ -9,7 +9,7 @@ data sheet figures; apparent masses, the Falcon's continuous force, and what els
 from dataclasses import replace
 
 from cogrip.devices.device import SLEW_NPS, Capability, DeviceError, Gripper, Rotation, encoder_record
-from cogrip.protocol.setting_types import GRIP_AXES, PLACES, POSE_AXES
+from cogrip.protocol.axes import GRIP_AXES, PLACES, POSE_AXES
 
 GRIP_M = (0.0, 0.03)  # range of a gripper's opening; data sheets say 25 to 27 mm
 CAUTIOUS = "falcon"  # model whose record serves where none is stated: the weakest

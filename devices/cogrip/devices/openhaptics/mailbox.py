@@ -11,7 +11,7 @@ from typing import NamedTuple
 
 from cogrip.devices.arm.kinematics import Vector
 from cogrip.devices.openhaptics.errors import FORCE_ERRORS, name_of
-from cogrip.protocol.rotations import Quaternion, of_matrix
+from cogrip.protocol.laws.rotations import Quaternion, of_matrix
 
 SERVO_HZ = 1000  # rate of the servo by the library itself, unless it is told another one
 HOLD_FRAMES = SERVO_HZ // 20  # frames, 50 ms in all, for which a force that the loop does not renew is held

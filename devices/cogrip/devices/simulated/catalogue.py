@@ -25,7 +25,7 @@ from cogrip.devices.simulated import (
 )
 from cogrip.devices.simulated.device import Plant, SimulatedDevice
 from cogrip.devices.simulated.presses import read_presses
-from cogrip.protocol.setting_types import GRIP_AXES, PLACES, POSE_AXES
+from cogrip.protocol.axes import GRIP_AXES, PLACES, POSE_AXES
 
 
 @dataclass(frozen=True, slots=True)

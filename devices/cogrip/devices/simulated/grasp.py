@@ -17,7 +17,7 @@ from cogrip.devices.device import DeviceError
 from cogrip.devices.settings import Finite, NotNegative, Positive, fit_axes
 from cogrip.devices.simulated.hands import ImpedanceSettings
 from cogrip.devices.simulated.waypoints import WaypointHand, WaypointSettings
-from cogrip.protocol.setting_types import PLACES
+from cogrip.protocol.axes import PLACES
 
 
 class GraspSettings(ImpedanceSettings, frozen=True, kw_only=True):

@@ -23,7 +23,7 @@ from cogrip.devices.simulated.hands import (
 from cogrip.devices.simulated.ideal import ADVISED_AT_HZ
 from cogrip.devices.simulated.phantom import PhantomPlant, PhantomSettings
 from cogrip.devices.simulated.phantom import capability as phantom_record
-from cogrip.protocol.setting_types import GRIP_AXES, PLACES
+from cogrip.protocol.axes import GRIP_AXES, PLACES
 
 GRIP_M = (0.0, 0.03)  # opening at the end stops, closed and open
 CONTINUOUS_N = 4.0

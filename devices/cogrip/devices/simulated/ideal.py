@@ -12,7 +12,7 @@ import msgspec
 from cogrip.devices.device import IDEAL_SPEED_MPS, IDEAL_STIFFNESS_NPM, SLEW_NPS, Capability, Sample
 from cogrip.devices.settings import Finite, NotNegative, Positive
 from cogrip.devices.simulated.zero_order_hold import discretise
-from cogrip.protocol.setting_types import PLACES
+from cogrip.protocol.axes import PLACES
 
 ADVISED_AT_HZ = 1024
 """The loop rate at which the advised damping holds: half of b T_c / m = 1, theory.md section 3.6."""

@@ -26,8 +26,8 @@ from cogrip.devices.simulated.ideal import IdealPlant, IdealSettings
 from cogrip.devices.simulated.ideal import capability as ideal_record
 from cogrip.devices.simulated.phantom import PhantomPlant, PhantomSettings
 from cogrip.devices.simulated.phantom import capability as phantom_record
-from cogrip.protocol.rotations import UNTURNED, between, exp, log, product
-from cogrip.protocol.setting_types import PLACES, POSE_AXES
+from cogrip.protocol.axes import PLACES, POSE_AXES
+from cogrip.protocol.laws.rotations import UNTURNED, between, exp, log, product
 
 SLEW_NMPS = 30.0
 SPEED_RADPS = 20.0  # over-speed of rotation; a wrist turns by 60 degrees in 0.1 s at 10 rad/s

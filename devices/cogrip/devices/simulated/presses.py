@@ -4,7 +4,7 @@ import re
 from dataclasses import dataclass
 
 from cogrip.devices.device import DeviceError
-from cogrip.protocol.handle import MOST_BUTTONS
+from cogrip.protocol.wire.handle import MOST_BUTTONS
 
 MOST_S = 1e6
 _ITEM = re.compile(r"(\d{1,2})@(\d{1,7}(?:\.\d{1,9})?)\+(\d{1,7}(?:\.\d{1,9})?)", re.ASCII)

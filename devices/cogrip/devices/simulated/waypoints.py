@@ -13,8 +13,8 @@ from cogrip.devices.device import DeviceError
 from cogrip.devices.settings import Finite, NotNegative
 from cogrip.devices.simulated.hands import ImpedanceSettings, Vector
 from cogrip.devices.simulated.pose import pose_drive
-from cogrip.protocol.rotations import between, exp
-from cogrip.protocol.setting_types import PLACES
+from cogrip.protocol.axes import PLACES
+from cogrip.protocol.laws.rotations import between, exp
 
 
 class WaypointSettings(ImpedanceSettings, frozen=True, kw_only=True):

@@ -16,7 +16,7 @@ from cogrip.analysis.trace import Array, Trace, TraceRecorder, sketch
 from cogrip.experiments.methods.hand import let_rest
 from cogrip.experiments.methods.measures import FELT_MEASURES, at_rest, created_at_rest_j, is_oscillating, read
 from cogrip.experiments.methods.method import CLEAN, ideal_settings, session_settings
-from cogrip.protocol.settings import Settings
+from cogrip.protocol.settings.sections import Settings
 from cogrip.results.summary import of_laboratory
 from cogrip.sim.laboratory import Laboratory
 

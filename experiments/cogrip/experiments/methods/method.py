@@ -13,10 +13,11 @@ from typing import Any
 
 import msgspec
 
-from cogrip.protocol.network_profiles import PROFILES
-from cogrip.protocol.object_kinds import LOCAL_KINDS
-from cogrip.protocol.settings import Settings, User, rates_of, resolve
-from cogrip.protocol.settings_table import copied
+from cogrip.protocol.settings.network_profiles import PROFILES
+from cogrip.protocol.settings.object_kinds import LOCAL_KINDS
+from cogrip.protocol.settings.room import rates_of, resolve
+from cogrip.protocol.settings.sections import OWN_COUPLING, Settings
+from cogrip.protocol.settings.table import copied
 
 CLEAN, OWN = "clean", "own"
 
@@ -136,7 +137,7 @@ def _drop_own(table: dict[str, Any], overrides: Mapping[str, Any]) -> None:
     """Remove each user's own value, which would stand above the method's."""
     for key in overrides:
         section, _, name = key.partition(".")
-        if section == "coupling" and name in User.__struct_fields__:
+        if section == "coupling" and name in OWN_COUPLING:
             for user in table["users"]:
                 user[name] = None
 

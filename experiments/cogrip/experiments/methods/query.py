@@ -24,8 +24,9 @@ from cogrip.experiments.methods.method import (
     ideal_settings,
     session_settings,
 )
-from cogrip.protocol.settings import Settings, seat_axes
-from cogrip.protocol.settings_table import SettingsError
+from cogrip.protocol.settings.room import seat_axes
+from cogrip.protocol.settings.sections import Settings
+from cogrip.protocol.settings.table import SettingsError
 from cogrip.protocol.version import VERSION
 from cogrip.sim.input_files import files_read
 

@@ -14,7 +14,7 @@ from cogrip.experiments.study.questions import Answer, Item, items_of
 from cogrip.experiments.study.study_file import Block, Study, run_name
 from cogrip.experiments.study.trial import Event, TrialState
 from cogrip.machine.addition import add_integers
-from cogrip.protocol.settings import Settings
+from cogrip.protocol.settings.sections import Settings
 from cogrip.results.measures.goal import Goal
 
 MOST_FAILURES = 3  # most failures of one trial, one after the other

@@ -10,7 +10,7 @@ from cogrip.experiments.study.phases import Phase, PhaseWatch, phase_begun
 from cogrip.experiments.study.spread import varied
 from cogrip.experiments.study.study_file import Study
 from cogrip.experiments.study.trial import Event, begun_by, ended_by
-from cogrip.protocol.settings import Settings
+from cogrip.protocol.settings.sections import Settings
 from cogrip.results.laboratory_run import run_laboratory
 from cogrip.results.measures.goal import Goal, GoalWatch
 from cogrip.sim.laboratory import Laboratory
@@ -81,7 +81,7 @@ class _Rehearsal:
     def _reached(self, laboratory: Laboratory) -> bool:
         if self._goal.stated:
             return self._watch.look(laboratory.seconds, laboratory.room.world.position.tolist())
-        task = laboratory.room.world.task_account()
+        task = laboratory.room.world.progress.account()
         return bool(task and task["reached"])
 
 

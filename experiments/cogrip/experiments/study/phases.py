@@ -10,7 +10,7 @@ from typing import Annotated, NamedTuple
 import msgspec
 
 from cogrip.machine.addition import add_floats
-from cogrip.protocol.setting_types import Name
+from cogrip.protocol.settings.types import Name
 from cogrip.protocol.texts import MARK_BYTES
 
 MOST_PHASES = 100

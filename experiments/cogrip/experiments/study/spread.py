@@ -9,7 +9,7 @@ from random import Random
 
 from msgspec.structs import replace
 
-from cogrip.protocol.settings import Settings
+from cogrip.protocol.settings.sections import Settings
 
 Spread = Mapping[str, float]
 

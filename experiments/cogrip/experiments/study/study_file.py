@@ -15,9 +15,10 @@ from cogrip.experiments.study.questions import Question, items_of, unfit_questio
 from cogrip.experiments.study.spread import unfit_spread
 from cogrip.experiments.study.staircase import Staircase, unfit_staircase
 from cogrip.protocol.foreign_file import ForeignFileError
-from cogrip.protocol.setting_types import Name, Seed
-from cogrip.protocol.settings import Settings, resolve
-from cogrip.protocol.settings_table import SettingsError, readable, refuse_unknown
+from cogrip.protocol.settings.room import resolve
+from cogrip.protocol.settings.sections import Settings
+from cogrip.protocol.settings.table import SettingsError, readable, refuse_unknown
+from cogrip.protocol.settings.types import Name, Seed
 from cogrip.results.measures.goal import NO_GOAL, Goal, unfit_goal
 
 GOAL = "goal."  # prefix of keys of conditions that are the goal's, not the session's

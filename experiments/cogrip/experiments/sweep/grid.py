@@ -11,8 +11,9 @@ from typing import Any
 
 import numpy as np
 
-from cogrip.protocol.settings import Settings, resolve
-from cogrip.protocol.settings_table import SettingsError
+from cogrip.protocol.settings.room import resolve
+from cogrip.protocol.settings.sections import Settings
+from cogrip.protocol.settings.table import SettingsError
 
 MOST_CELLS = 100_000
 

@@ -13,7 +13,7 @@ from cogrip.analysis.feel import Slow, on_wall, slow_feel
 from cogrip.analysis.lifted_model import LiftedModel
 from cogrip.analysis.linear_session import linear_session
 from cogrip.analysis.stability import largest_stable, verdict
-from cogrip.protocol.settings import Settings
+from cogrip.protocol.settings.sections import Settings
 from cogrip.results.folder import finite
 
 DEFAULT = ("passive", "unstable", "users.*.peak_force_n", "users.*.energy.line_margin_j", "object.travel_m")

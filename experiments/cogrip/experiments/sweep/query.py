@@ -14,7 +14,8 @@ from cogrip.experiments.experiment import Kind, Measure, Result
 from cogrip.experiments.folder import FILES
 from cogrip.experiments.sweep.grid import Axis, Grid
 from cogrip.experiments.sweep.measures import LIFTED, PREFIX, expanded, needs_session, read
-from cogrip.protocol.settings import Settings, resolve
+from cogrip.protocol.settings.room import resolve
+from cogrip.protocol.settings.sections import Settings
 from cogrip.protocol.version import VERSION
 from cogrip.results.laboratory_run import run_laboratory
 from cogrip.sim.input_files import files_read

@@ -10,9 +10,9 @@ from contextlib import suppress
 from cryptography.hazmat.primitives.serialization import Encoding
 from OpenSSL import SSL, crypto
 
-from cogrip.protocol.dtls_records import CLIENT_HELLO, HANDSHAKE, RECORD_HEADER_BYTES
 from cogrip.protocol.io.certificate import Identity, fingerprint_of
-from cogrip.protocol.messages import MAX_DATAGRAM_BYTES
+from cogrip.protocol.secure.dtls_records import CLIENT_HELLO, HANDSHAKE, RECORD_HEADER_BYTES
+from cogrip.protocol.wire.messages import MAX_DATAGRAM_BYTES
 
 DTLS1_2 = 0xFEFD
 CIPHERS = b"ECDHE-ECDSA-AES128-GCM-SHA256:ECDHE-ECDSA-AES256-GCM-SHA384:ECDHE-ECDSA-CHACHA20-POLY1305"

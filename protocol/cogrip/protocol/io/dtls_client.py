@@ -7,11 +7,11 @@ flight. No message is sent before the server has shown the certificate, and none
 from collections import Counter, deque
 from collections.abc import Sequence
 
-from cogrip.protocol import messages
-from cogrip.protocol.channel import PEER, Address
 from cogrip.protocol.io.dtls import CLOSED, FINAL, Association, client_context
 from cogrip.protocol.io.dtls_session import SUITES, DtlsSession, export_keys, newest_number
+from cogrip.protocol.secure.channel import PEER, Address
 from cogrip.protocol.texts import shown
+from cogrip.protocol.wire import messages
 
 PATIENCE_NS = (500_000_000, 700_000_000, 900_000_000)
 """Time to wait for an answer to handshake 1, 2, 3 and all later ones."""

@@ -12,7 +12,7 @@ import msgspec
 from cryptography.exceptions import InvalidTag
 from cryptography.hazmat.primitives.ciphers.aead import AESGCM, ChaCha20Poly1305
 
-from cogrip.protocol.dtls_records import ALERT, DATA, RECORD_HEADER_BYTES, records
+from cogrip.protocol.secure.dtls_records import ALERT, DATA, RECORD_HEADER_BYTES, records
 
 if TYPE_CHECKING:  # a worker has no handshake to make, and is there sooner without
     from OpenSSL import SSL

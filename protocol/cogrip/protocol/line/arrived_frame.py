@@ -1,7 +1,7 @@
 """A frame that has come and is not due yet."""
 
+from cogrip.protocol.line.received_waves import ReceivedWaves
 from cogrip.protocol.line.sender import Frame
-from cogrip.protocol.received_waves import ReceivedWaves
 
 
 class ArrivedFrame:

@@ -18,9 +18,9 @@ Comparison and numbers: docs/decisions/0003-gaps.md.
 
 from collections.abc import Callable, Sequence
 
+from cogrip.protocol.laws.square_root import square_root
 from cogrip.protocol.line.energy_ledger import WaveLedger
 from cogrip.protocol.line.energy_sums import NOTHING
-from cogrip.protocol.square_root import square_root
 
 PerAxis = Sequence[float]  # one value for each axis
 

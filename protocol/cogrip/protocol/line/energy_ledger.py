@@ -8,10 +8,10 @@ All squares are in W per axis: an energy over T_n / 2. A frame's totals are the 
 from array import array
 from collections.abc import Sequence
 
+from cogrip.protocol.laws.square_root import square_root
 from cogrip.protocol.line.energy_sums import BOUND_FRACTION, NOTHING, RESERVE_FRACTION, WaveSums
+from cogrip.protocol.line.received_waves import ReceivedWaves
 from cogrip.protocol.line.sender import Frame
-from cogrip.protocol.received_waves import ReceivedWaves
-from cogrip.protocol.square_root import square_root
 
 HISTORY = 1024  # frames for which the receiver still knows what it had played
 FIRST_ROWS = 32  # rows of the history at first; it grows up to HISTORY where totals arrive late

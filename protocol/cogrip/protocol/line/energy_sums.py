@@ -10,7 +10,7 @@ docs/decisions/0013-energy-ledger.md.
 from collections.abc import Sequence
 from typing import TYPE_CHECKING, TypeVar
 
-from cogrip.protocol.setting_types import PLACES, POSE_AXES
+from cogrip.protocol.axes import PLACES, POSE_AXES
 
 if TYPE_CHECKING:
     import numpy as np

@@ -12,7 +12,8 @@ rounding o to a server's whole frames costs no delay. Sources and choices: docs/
 
 from bisect import bisect_left, bisect_right, insort
 from collections import deque
-from typing import Literal
+
+from cogrip.protocol.settings.delays import DEEPEST, Frames
 
 LATE_RUN = 16  # most borders in a row with only late frames before a fixed jitter buffer waits
 REALIGN_WINDOW = 128  # fresh datagrams that must agree before a fixed jitter buffer moves by one frame
@@ -25,7 +26,6 @@ QUIET = 64  # number of frames for which the offset must be too large before a f
 TOLERANCE = 2.0
 """Factor on the late rate of the settings. While fewer frames are late, a receiver of whole frames does not wait: its
 sender shifts."""
-DEEPEST = 256  # largest playout delay [frames]
 
 
 class JitterBuffer:
@@ -232,9 +232,6 @@ class AdaptiveJitterBuffer(JitterBuffer):
         steps = self._steps
         mean = self._depth_sum / max(1, self._borders)
         return mean / steps, min(self._shallowest, self._deepest) / steps, self._deepest / steps
-
-
-Frames = int | Literal["auto"]
 
 
 def make_jitter_buffer(frames: Frames, frame_s: float, late: float, steps: int, quantum: int) -> JitterBuffer:

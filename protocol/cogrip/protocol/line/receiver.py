@@ -11,16 +11,17 @@ fillings and compensation.
 from array import array
 from collections.abc import Sequence
 
-from cogrip.protocol.accounts import LinkCount, PlayoutAccount
+from cogrip.protocol.laws.square_root import square_root
 from cogrip.protocol.line.arrived_frame import ArrivedFrame
 from cogrip.protocol.line.concealment import CONCEALMENTS, clamped
 from cogrip.protocol.line.energy_ledger import HISTORY, WaveLedger
 from cogrip.protocol.line.energy_sums import BOUND_FRACTION, NOTHING, CompensatedSum
-from cogrip.protocol.line.jitter_buffer import Frames, make_jitter_buffer
+from cogrip.protocol.line.jitter_buffer import make_jitter_buffer
+from cogrip.protocol.line.received_waves import ReceivedWaves
 from cogrip.protocol.line.sender import Frame
-from cogrip.protocol.received_waves import ReceivedWaves
-from cogrip.protocol.setting_types import Concealed
-from cogrip.protocol.square_root import square_root
+from cogrip.protocol.settings.delays import Frames
+from cogrip.protocol.settings.types import Concealed
+from cogrip.protocol.wire.accounts import LinkCount, PlayoutAccount
 
 FURTHEST_JUMP = 1 << 14  # highest number of the newest frame in the first datagram of a line
 LATE = 0.01  # rate of late frames by default

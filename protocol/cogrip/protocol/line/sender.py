@@ -1,7 +1,7 @@
 """The sending end of a line: numbers frames, repeats the newest R of them, sums all before (SPEC 5.2)."""
 
+from cogrip.protocol.axes import POSE_AXES
 from cogrip.protocol.line.energy_sums import WaveSums
-from cogrip.protocol.setting_types import POSE_AXES
 
 NO_WAVES = (0.0,) * (32 * POSE_AXES)  # waves of 0 for a datagram of the largest redundancy
 Frame = tuple[float, ...]  # one wave of all axes, shape (axes,) [sqrt(W)]

@@ -11,7 +11,7 @@ from math import isfinite, nan
 
 import msgspec
 
-from cogrip.protocol.drawing import HAND_SIZE_M, OBJECT_COLOUR, Vector, anchors_m, colour, object_size_m
+from cogrip.protocol.drawing import Vector
 from cogrip.protocol.recording.header import Header
 from cogrip.protocol.recording.records import Geoms, Poses, Row, SeatStep, Step, kind_of
 from cogrip.protocol.recording.scene_messages import (
@@ -30,7 +30,8 @@ from cogrip.protocol.recording.scene_messages import (
     soft_entities,
     soft_update,
 )
-from cogrip.protocol.settings import Settings
+from cogrip.protocol.session_drawing import HAND_SIZE_M, OBJECT_COLOUR, anchors_m, colour, object_size_m
+from cogrip.protocol.settings.sections import Settings
 
 DERIVED = {"scene": SCENE_UPDATE, "tf": FRAME_TRANSFORMS, "forces": SCENE_UPDATE}
 """Name of the schema, by the last part of the topic."""

@@ -11,10 +11,10 @@ from typing import Annotated
 
 import msgspec
 
-from cogrip.protocol.messages import PROTOCOL_VERSION
-from cogrip.protocol.rates import Hz
+from cogrip.protocol.settings.rates import Hz
 from cogrip.protocol.texts import shown
 from cogrip.protocol.version import VERSION
+from cogrip.protocol.wire.messages import PROTOCOL_VERSION
 
 NAME = "cogrip"
 CUT = "cogrip.cut"

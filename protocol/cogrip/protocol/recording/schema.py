@@ -79,6 +79,11 @@ DESCRIPTIONS = {
     "rgba": "red, green, blue and opacity, 0 to 1; null: the scene gives none",
     "seat": "whose tool it is part of",
     "object": "whether it is part of the object",
+    "triangles": "part of a mesh's surface, nine unsigned 16-bit numbers each, as in the message Geom",
+    "colours": "red, green and blue of each triangle of a mesh or each cell of a plane's tile, a byte each",
+    "points": "numbers of the bodies through whose places a flexible body or a tendon is drawn, 16 bits each",
+    "period_m": "sides of a plane's tile along its x and y",
+    "left_out": "what MuJoCo draws of the scene and the shapes do not say, in words",
     "offsets_m": "position of each seat's own frame less the object's, three numbers a seat",
     "poses": "place in the object's frame [m] and quaternion w, x, y, z of each body, seven numbers a body",
     # sensors of a scene

@@ -7,8 +7,8 @@ from collections.abc import Callable
 
 import msgspec
 
-from cogrip.protocol import messages
-from cogrip.protocol.messages import Hello, Welcome
+from cogrip.protocol.wire import messages
+from cogrip.protocol.wire.messages import Hello, Welcome
 
 HEAD_BYTES = 24  # bytes in which a hello's magic stands, however its array and tag are written
 FIRST_TAG, LAST_TAG = 3, 10  # range of the tags of messages that hold no secret

@@ -12,9 +12,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from cogrip.protocol.object_kinds import kind_of
+from cogrip.protocol.axes import PLACES
 from cogrip.protocol.recording.reader import RecordingError
-from cogrip.protocol.setting_types import PLACES
+from cogrip.protocol.settings.object_kinds import kind_of
 from cogrip.results.measures.goal import NO_GOAL, Goal, GoalWatch, course
 from cogrip.results.records import End, RunRecords, open_run
 from cogrip.server.recorder import step_topic

@@ -12,7 +12,7 @@ from cogrip.devices.device import DeviceError
 from cogrip.devices.settings import parse_address
 from cogrip.devices.simulated.catalogue import make as make_simulated
 from cogrip.devices.simulated.device import SimulatedDevice
-from cogrip.protocol.setting_types import PLACES
+from cogrip.protocol.axes import PLACES
 
 Vector = tuple[float, ...]
 

@@ -14,8 +14,8 @@ from matplotlib.patches import Patch
 from matplotlib.transforms import ScaledTranslation
 from numpy.typing import NDArray
 
-from cogrip.protocol.drawing import COLOURS as COLOURS
-from cogrip.protocol.drawing import colour as colour
+from cogrip.protocol.session_drawing import COLOURS as COLOURS
+from cogrip.protocol.session_drawing import colour as colour
 
 Array = NDArray[np.float64]
 Style = dict[str, Any]

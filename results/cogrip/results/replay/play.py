@@ -15,10 +15,10 @@ from cogrip.client.recorder import RecordedClient
 from cogrip.client.recorder import start_of as client_start
 from cogrip.client.tick_record import sample_of
 from cogrip.machine.tick_count import TickCount
-from cogrip.protocol.messages import Hello
 from cogrip.protocol.recording.reader import Message
 from cogrip.protocol.recording.records import Datagram, Input, Step, Tick
 from cogrip.protocol.recording.sink import Sink
+from cogrip.protocol.wire.messages import Hello
 from cogrip.results.replay.replay_input import ReplayInput, UntoldError
 from cogrip.server.admission import AdmissionServices, Denied, Grant
 from cogrip.server.checkpoint import CheckpointError

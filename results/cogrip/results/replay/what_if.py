@@ -15,13 +15,14 @@ from typing import Any, Literal
 import msgspec
 
 from cogrip.client.recorder import start_of
-from cogrip.client.rendered_damper import refusal
+from cogrip.client.seat.rendered_damper import refusal
 from cogrip.devices.device import Capability
 from cogrip.devices.for_user import address_of
-from cogrip.protocol.messages import DEVICE_BYTES, SHORT, Hello
 from cogrip.protocol.recording.reader import RecordingError
-from cogrip.protocol.settings import Settings, User, rates_of, resolve, seat_settings
+from cogrip.protocol.settings.room import rates_of, resolve, seat_settings
+from cogrip.protocol.settings.sections import Settings, User
 from cogrip.protocol.texts import clipped
+from cogrip.protocol.wire.messages import DEVICE_BYTES, SHORT, Hello
 from cogrip.results.records import End, RunRecords
 
 Hands = Literal["same", "impedance", "positions"]

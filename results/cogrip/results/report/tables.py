@@ -5,8 +5,8 @@ from typing import Any, NamedTuple
 
 import msgspec
 
-from cogrip.protocol.setting_types import PLACES
-from cogrip.protocol.settings import Settings, User
+from cogrip.protocol.axes import PLACES
+from cogrip.protocol.settings.sections import OWN_COUPLING, Settings, User
 from cogrip.results.summary_values import (
     UNKNOWN,
     Summary,
@@ -342,12 +342,7 @@ def _setting(value: Any, default: Any, key: str = "") -> Cell:
 
 _WHOSE = {
     "device_hz": "as in [rates]", "power_w": "as in [admission]",
-    **dict.fromkeys(
-        (
-            "impedance_nspm", "wave_filter_hz", "prefer", "stiffness_npm", "damping_nspm", "decimator", "encoder", "compensate",
-        ),
-        "as in [coupling]",
-    ),
+    **dict.fromkeys(OWN_COUPLING, "as in [coupling]"),
 }  # fmt: skip
 _EMPTY: tuple[Any, ...] = (None, "", [], (), {})
 _SHORT = 8  # most letters of a number that stands as it is

@@ -15,7 +15,7 @@ from functools import partial
 from typing import Literal, NamedTuple
 
 from cogrip.machine.addition import add_integers
-from cogrip.protocol.messages import Hello
+from cogrip.protocol.wire.messages import Hello
 from cogrip.server.admission import Denied, Grant
 from cogrip.server.events import ServerEvent
 from cogrip.server.io.state_folder import StateError

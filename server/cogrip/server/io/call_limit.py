@@ -6,7 +6,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from types import FrameType
 
-from cogrip.server.io.platform import alarm
+from cogrip.machine.server_platform import alarm
 from cogrip.server.worlds.guarded import TooLongError
 
 COMPUTE_LIMIT_S = 0.25  # longest processor time of a call: a busy machine, or one that stood still, ends no world

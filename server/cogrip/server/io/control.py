@@ -15,8 +15,8 @@ from typing import Annotated, NamedTuple, Protocol
 
 import msgspec
 
-from cogrip.protocol.hand_settings import HandChange
-from cogrip.server.io.platform import local_socket
+from cogrip.machine.server_platform import local_socket
+from cogrip.protocol.settings.hand import HandChange
 from cogrip.server.io.state_folder import FILE_MODE, StateError, StateFolder
 from cogrip.server.roster import RosterEntry
 

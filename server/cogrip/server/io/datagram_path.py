@@ -1,7 +1,7 @@
 """Path of datagrams through a server: from its port through the channel to the core, and back."""
 
 from cogrip.machine.platform import time
-from cogrip.protocol.messages import MAX_DATAGRAM_BYTES
+from cogrip.protocol.wire.messages import MAX_DATAGRAM_BYTES
 from cogrip.server import inputs
 from cogrip.server.core import ServerCore
 from cogrip.server.io.udp_port import DatagramPort, ServerChannel

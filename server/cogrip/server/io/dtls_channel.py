@@ -18,13 +18,13 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 
 from cogrip.machine.addition import add_integers
-from cogrip.protocol.channel import Address, place_text
-from cogrip.protocol.dtls_records import HANDSHAKE, RECORD_HEADER_BYTES, ClientRecords
 from cogrip.protocol.io.certificate import load
 from cogrip.protocol.io.dtls import CLOSED, Association, client_random, cookie_in, is_client_hello, server_context
 from cogrip.protocol.io.dtls_session import SessionKeys, export_keys, newest_number
-from cogrip.protocol.messages import MAX_MESSAGE_BYTES
-from cogrip.protocol.session import nonce_of, refusal
+from cogrip.protocol.secure.channel import Address, place_text
+from cogrip.protocol.secure.dtls_records import HANDSHAKE, RECORD_HEADER_BYTES, ClientRecords
+from cogrip.protocol.wire.messages import MAX_MESSAGE_BYTES
+from cogrip.protocol.wire.session import nonce_of, refusal
 from cogrip.server.events import ServerEvent
 from cogrip.server.io.dtls_peer import (
     COOKIE_BYTES,

@@ -6,8 +6,10 @@ from collections.abc import Sequence
 
 from cogrip.machine.large_pages import uses_large_pages
 from cogrip.machine.platform import system
-from cogrip.protocol.channel import Address
-from cogrip.protocol.dtls_records import (
+from cogrip.protocol.io.dtls import Association
+from cogrip.protocol.io.dtls_session import SUITES, DtlsSession, export_keys
+from cogrip.protocol.secure.channel import Address
+from cogrip.protocol.secure.dtls_records import (
     CHANGE_CIPHER_SPEC,
     DATA,
     HANDSHAKE,
@@ -15,9 +17,7 @@ from cogrip.protocol.dtls_records import (
     ClientRecords,
     records,
 )
-from cogrip.protocol.io.dtls import Association
-from cogrip.protocol.io.dtls_session import SUITES, DtlsSession, export_keys
-from cogrip.protocol.messages import MAX_DATAGRAM_BYTES
+from cogrip.protocol.wire.messages import MAX_DATAGRAM_BYTES
 from cogrip.server.rate_limit import network_of
 
 COOKIE_NS = 30_000_000_000  # a cookie is valid for one or two of these periods

@@ -3,11 +3,11 @@
 from collections.abc import Callable
 from typing import NamedTuple
 
-from cogrip.protocol.hand_settings import unfit
+from cogrip.protocol.settings.hand import unfit
 from cogrip.server import inputs
 from cogrip.server.core import ServerCore
 from cogrip.server.io.control import Request, SetHand
-from cogrip.server.participants import Seat
+from cogrip.server.seats.participants import Seat
 
 ANSWER_NS = 3_000_000_000  # longest time that a client may take to answer: less than the one who asks waits
 

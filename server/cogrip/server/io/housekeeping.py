@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import Protocol
 
 from cogrip.machine.addition import add_integers
-from cogrip.protocol.tool_frame import ToolFrame
+from cogrip.protocol.settings.tool_frame import ToolFrame
 from cogrip.server import inputs
 from cogrip.server.checkpoint import CheckpointError, decode, encode
 from cogrip.server.events import ServerEvent
@@ -15,11 +15,11 @@ from cogrip.server.io.authenticator import READING
 from cogrip.server.io.checkpoint_file import CheckpointWriter, WriterThread
 from cogrip.server.io.control import NO_CLUSTER, Control, Drain, Kick, Mark, Orders, Reload, Request, SetHand, Who
 from cogrip.server.io.hand_orders import HandOrders
+from cogrip.server.io.loop import LiveServer
 from cogrip.server.io.published_state import PublishedState
 from cogrip.server.io.service_notify import ServiceNotifier
 from cogrip.server.io.state_folder import StateError, StateFolder
 from cogrip.server.io.trigger import Trigger
-from cogrip.server.loop import LiveServer
 from cogrip.server.room import Room
 from cogrip.server.roster import MOST_LISTED, RosterEntry, roster_of
 from cogrip.server.snapshot import Snapshot, SnapshotMaker

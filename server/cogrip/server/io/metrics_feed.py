@@ -9,7 +9,7 @@ import time
 from collections.abc import Callable, Sequence
 from contextlib import suppress
 
-from cogrip.server.io.platform import POSIX, unblocked
+from cogrip.machine.server_platform import POSIX, unblocked
 from cogrip.server.snapshot import LENGTH_BYTES, Snapshot, encode
 
 START_LIMIT_S = 20.0

@@ -22,8 +22,8 @@ from prometheus_client.exposition import choose_encoder
 from prometheus_client.registry import Collector
 
 from cogrip.machine.platform import system
+from cogrip.machine.server_platform import be_nice
 from cogrip.server.io.metrics_families import families
-from cogrip.server.io.platform import be_nice
 from cogrip.server.snapshot import LENGTH_BYTES, Health, RoomSnapshot, Snapshot, decode
 
 MOST_BYTES = 1 << 26  # longest snapshot; longer ones are not the server's

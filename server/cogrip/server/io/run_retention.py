@@ -14,10 +14,10 @@ from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 
+from cogrip.machine import server_platform as platform
 from cogrip.machine.addition import add_integers
 from cogrip.machine.platform import system
 from cogrip.protocol.io.recorder import is_being_written
-from cogrip.server.io import platform
 
 LOCK = "serve.lock"
 EVERY_S = 60.0

@@ -7,7 +7,7 @@ import os
 import socket
 from collections.abc import Mapping
 
-from cogrip.server.io.platform import POSIX, local_socket
+from cogrip.machine.server_platform import POSIX, local_socket
 
 
 class ServiceNotifier:

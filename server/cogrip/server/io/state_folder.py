@@ -15,9 +15,9 @@ from typing import Annotated
 
 import msgspec
 
+from cogrip.machine import server_platform as platform
 from cogrip.machine.platform import system
-from cogrip.protocol.join_link import LinkError, check_host
-from cogrip.server.io import platform
+from cogrip.protocol.wire.join_link import LinkError, check_host
 
 FOLDER_MODE = 0o700
 FILE_MODE = 0o600

@@ -7,7 +7,7 @@ from typing import Any, NamedTuple, Protocol
 
 from cogrip.machine.datagrams import open_datagrams
 from cogrip.machine.receive_buffer import enlarge, overrun
-from cogrip.protocol.channel import Address, Channel, place_text
+from cogrip.protocol.secure.channel import Address, Channel, place_text
 from cogrip.server.events import ServerEvent
 
 

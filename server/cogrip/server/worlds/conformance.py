@@ -12,8 +12,8 @@ from typing import Any
 
 import numpy as np
 
-from cogrip.protocol.rotations import Quaternion, between, exp, log, product
-from cogrip.protocol.setting_types import PLACES, POSE_AXES
+from cogrip.protocol.axes import PLACES, POSE_AXES
+from cogrip.protocol.laws.rotations import Quaternion, between, exp, log, product
 from cogrip.server.worlds.guarded import LEAST_J, MOST_HELD_J, MOST_SAVED, MOST_WAVE
 from cogrip.server.worlds.orientation_drift import SHARE
 from cogrip.server.worlds.world import Array, Row, World, WorldError, displacement, dot

@@ -14,9 +14,10 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from cogrip.protocol.settings import SeatSettings
+from cogrip.protocol.settings.seat import SeatSettings
 from cogrip.server.worlds.power import DRIFT_MPS, DRIFT_SHARE, GIVE_SHARE
 from cogrip.server.worlds.scene import SceneWorld
+from cogrip.server.worlds.scene_accounts import DrivenAccounts
 from cogrip.server.worlds.scene_file import Scene
 from cogrip.server.worlds.world import Array
 
@@ -26,11 +27,9 @@ class DrivenScene(SceneWorld):
 
     port_damped = False
 
-    def stiffness_of(self, user: int) -> float | None:
-        return float(self.target_stiffness[user, 0]) if self.holding[user] else 0.0
-
-    def limiter_account(self) -> None:
-        return None
+    def __init__(self, seats: Sequence[SeatSettings], scene: Scene, substeps: int) -> None:
+        super().__init__(seats, scene, substeps)
+        self.accounts = DrivenAccounts(self, [seat.user for seat in seats])
 
     def tools(self) -> tuple[Array, Array]:
         """Return place [m], in each hand's own frame, and velocity [m/s] of every tool, shapes (n, 3)."""

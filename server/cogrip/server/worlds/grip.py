@@ -9,8 +9,8 @@ from typing import ClassVar
 import numpy as np
 
 from cogrip.machine.addition import add_floats
-from cogrip.protocol.settings import SeatSettings
-from cogrip.protocol.waves import proxy_velocity, server_wave
+from cogrip.protocol.laws.waves import proxy_velocity, server_wave
+from cogrip.protocol.settings.seat import SeatSettings
 from cogrip.server.worlds.small_step import RAMP_S as RAMP_S
 from cogrip.server.worlds.world import MOST_SAVED_J, Array, World, dot
 

@@ -15,14 +15,17 @@ from typing import Any, TypeVar
 import msgspec
 import numpy as np
 
+from cogrip.protocol.axes import PLACES
 from cogrip.protocol.drawing import MOST_SHAPES, Shape
-from cogrip.protocol.effects import MOST_EFFECTS, Effect
-from cogrip.protocol.rotations import exp
-from cogrip.protocol.setting_types import PLACES
-from cogrip.protocol.settings import SeatSettings
-from cogrip.protocol.texts import shown
+from cogrip.protocol.laws.rotations import exp
+from cogrip.protocol.settings.effects import MOST_EFFECTS, Effect
+from cogrip.protocol.settings.seat import SeatSettings
+from cogrip.protocol.texts import MOST_NAMED, clipped, shown
+from cogrip.server.worlds.accounts import ToolAccounts
+from cogrip.server.worlds.drawing import Drawing
 from cogrip.server.worlds.energy_limiter import EnergyLimiter
 from cogrip.server.worlds.orientation_drift import DriftCorrection
+from cogrip.server.worlds.tool_world import ToolWorld
 from cogrip.server.worlds.world import REACH_M, Array, Row, World, WorldError, dot
 
 T = TypeVar("T")
@@ -34,11 +37,36 @@ MOST_PLACE = 1e3  # largest place [m] and velocity [m/s]: an object is put back 
 MOST_EVENTS = 8  # most events that are taken of one step
 MOST_GIVEN = 4 * MOST_EFFECTS
 """Most effects that are taken of one step: a person has fewer, and looking at each takes time."""
+LOOKS = "geoms", "poses_of_bodies", "not_drawn"  # methods of a ToolWorld that any world had
+GONE = {
+    "limiter_account": "accounts.limiter", "task_account": "progress.account", "scene_account": "accounts.scene",
+    "contact_of": "accounts.contact", "stiffness_of": "accounts.stiffness", "sensor_names": "accounts.sensor_names",
+}  # fmt: skip
+"""Methods that worlds had, and what is asked in their place."""
 MOST_SAVED = 10_000  # most numbers of a saved state: a checkpoint holds them
 
 
 class TooLongError(BaseException):
     """A call of the world takes too long. No `except Exception` in the world keeps it from getting here."""
+
+
+@contextmanager
+def called(name: str, verb: str, time_limit: Callable[[], AbstractContextManager[None]]) -> Iterator[None]:
+    """Make a WorldError with the name of another author's code of whatever is raised inside."""
+    try:
+        with time_limit():
+            yield
+    except TooLongError:
+        failed = f"{name}: takes too long in {verb}"
+    except WorldError as error:
+        failed = f"{name}: {error}"
+    except KeyboardInterrupt:
+        raise
+    except BaseException as error:  # noqa: BLE001 (it is another author's, and may call sys.exit)
+        failed = f"{name}: {error_line(error)} in {verb}"
+    else:
+        return
+    raise WorldError(failed)
 
 
 class GuardedWorld(World):
@@ -56,8 +84,8 @@ class GuardedWorld(World):
         self.turning = DriftCorrection(range(len(seats)) if self.axes > PLACES else (), self.frame_s)
         self._where = self._place = np.zeros(self.axes)
         self._proxies = np.zeros(self._shape)
-        self._shapes: tuple[Shape, ...] = ()
-        self._bodies, self._energy = 0, 0.0
+        self._energy = 0.0
+        self.accounts = GuardedAccounts(self)
         with self._named("its constructor"):
             self.inner = make()
             self._check_made()
@@ -72,11 +100,11 @@ class GuardedWorld(World):
         inner = self.inner
         if inner.axes != self.axes or inner.inputs_per_axis != 1 or len(inner.holding) != len(self.holding):
             raise WorldError("does not call its base's constructor with the seats that it is given")
-        shapes = tuple(inner.geoms())
-        if len(shapes) > MOST_SHAPES:
-            raise WorldError(f"has {len(shapes)} shapes, more than {MOST_SHAPES}")
-        self._shapes = msgspec.convert(msgspec.to_builtins(shapes), tuple[Shape, ...])
-        self._bodies = 1 + max((body for shape in self._shapes for body in shape.bodies), default=-1)
+        looks = () if isinstance(inner, ToolWorld) else LOOKS
+        if gone := [name for name in (*looks, *GONE) if hasattr(inner, name)]:
+            now = GONE.get(gone[0], "a `drawing`, or a ToolWorld as base")
+            raise WorldError(f"has {gone[0]}, which is asked no more: it is {now} now (docs/worlds.md)")
+        self.drawing = GuardedDrawing(inner.drawing, self._try)
 
     # Calls of the world
 
@@ -84,18 +112,14 @@ class GuardedWorld(World):
     def _named(self, verb: str) -> Iterator[None]:
         """Make a WorldError with the world's name of whatever is raised inside; the world has failed then."""
         try:
-            with self.time_limit():
+            with called(self.kind, verb, self.time_limit):
                 yield
-        except TooLongError:
-            self.failed = f"{self.kind}: takes too long in {verb}"
         except WorldError as error:
-            self.failed = f"{self.kind}: {error}"
-        except KeyboardInterrupt:
+            self.failed = str(error)
             raise
-        except BaseException as error:  # noqa: BLE001 (it is another author's, and may call sys.exit)
-            self.failed = f"{self.kind}: {error_line(error)} in {verb}"
-        if self.failed:
-            raise WorldError(self.failed)
+
+    def limit_calls(self, limit: Callable[[], AbstractContextManager[None]]) -> None:
+        self.time_limit = limit
 
     def _try(self, verb: str, call: Callable[[], T], otherwise: T) -> T:
         """Return what a call gives, or `otherwise` where it fails or the world has failed: the next step will say so."""
@@ -230,22 +254,6 @@ class GuardedWorld(World):
     def reset(self) -> None:
         """Do nothing: it has failed, and is not called again."""
 
-    def stiffness_of(self, user: int) -> float | None:
-        return None
-
-    def limiter_account(self) -> dict[str, float]:
-        return self.limiter.account()
-
-    def geoms(self) -> Sequence[Shape]:
-        return self._shapes
-
-    def poses_of_bodies(self) -> Array:
-        still = np.tile([0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0], (self._bodies, 1))
-        shape = still.shape
-        return self._try(
-            "poses_of_bodies", lambda: _array("poses", self.inner.poses_of_bodies(), shape, MOST_PLACE), still
-        )
-
     # Saving
 
     @classmethod
@@ -313,3 +321,43 @@ def _array(name: str, value: Any, shape: tuple[int, ...], most: float) -> Array:
     if not np.all(np.abs(found) <= most):
         raise WorldError(f"{name} is not finite, or beyond {most:g}: {found.ravel()[:6].tolist()}")
     return found
+
+
+class GuardedDrawing(Drawing):
+    """Drawing of a world of another author: its shapes are read once, its poses are checked.
+
+    attempt: makes a call of the world, with its verb, and returns a value in its place where it fails
+    """
+
+    def __init__(self, drawing: Drawing, attempt: Callable[[str, Callable[[], Array], Array], Array]) -> None:
+        self._drawing, self._attempt = drawing, attempt
+        shapes = tuple(drawing.shapes())
+        if len(shapes) > MOST_SHAPES:
+            raise WorldError(f"has {len(shapes)} shapes, more than {MOST_SHAPES}")
+        self._shapes = msgspec.convert(msgspec.to_builtins(shapes), tuple[Shape, ...])
+        self._left_out = tuple(clipped(str(words)) for words in tuple(drawing.left_out())[:MOST_NAMED])
+        bodies = 1 + max((body for shape in self._shapes for body in shape.bodies), default=-1)
+        self._still = np.tile([0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0], (bodies, 1))
+
+    def shapes(self) -> Sequence[Shape]:
+        return self._shapes
+
+    def left_out(self) -> Sequence[str]:
+        return self._left_out
+
+    def poses(self) -> Array:
+        def asked() -> Array:
+            return _array("poses", self._drawing.poses(), self._still.shape, MOST_PLACE)
+
+        return self._attempt("poses_of_bodies", asked, self._still)
+
+
+class GuardedAccounts(ToolAccounts):
+    """Accounts of a world of another author: the guard's own ledger."""
+
+    def __init__(self, world: GuardedWorld) -> None:
+        super().__init__(world)
+        self._guard = world
+
+    def limiter(self) -> dict[str, float]:
+        return self._guard.limiter.account()

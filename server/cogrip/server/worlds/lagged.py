@@ -10,7 +10,7 @@ from math import exp
 
 import numpy as np
 
-from cogrip.protocol.settings import SeatSettings
+from cogrip.protocol.settings.seat import SeatSettings
 from cogrip.server.worlds.world import Array, HandWorld, dot
 
 

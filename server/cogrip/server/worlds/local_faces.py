@@ -13,7 +13,8 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from cogrip.protocol.settings import REMOTE_FORCE_N, SeatSettings
+from cogrip.protocol.settings.seat import SeatSettings
+from cogrip.protocol.settings.sections import REMOTE_FORCE_N
 from cogrip.server.worlds.world import Array, HandWorld, Row, dot
 
 

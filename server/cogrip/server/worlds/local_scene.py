@@ -11,16 +11,19 @@ outside of everything, so that no contact begins pressed. So neither change brin
 
 from collections.abc import Sequence
 from math import dist, inf, nextafter
+from typing import Any
 
 import numpy as np
 
+from cogrip.protocol.axes import PLACES
 from cogrip.protocol.drawing import Shape
-from cogrip.protocol.setting_types import PLACES
-from cogrip.protocol.settings import REMOTE_SPEED_MPS, SeatSettings
+from cogrip.protocol.settings.seat import SeatSettings
+from cogrip.protocol.settings.sections import REMOTE_SPEED_MPS
 from cogrip.server.worlds.clearance import Clearance
 from cogrip.server.worlds.local_faces import pressed_n
-from cogrip.server.worlds.local_geometry import local_geometry, tree_of, unfit_tool
+from cogrip.server.worlds.local_geometry import LocalGeometry, local_geometry, tree_of, unfit_tool
 from cogrip.server.worlds.scene import SceneWorld
+from cogrip.server.worlds.scene_drawing import SceneDrawing
 from cogrip.server.worlds.scene_file import Scene
 from cogrip.server.worlds.scene_text import SceneError
 from cogrip.server.worlds.world import Array, Row, check_saved
@@ -55,9 +58,7 @@ class LocalScene(SceneWorld):
         self._release = round(RELEASE_S / self.frame_s)
         self._of_places = np.arange(self.axes) < PLACES
         self._pressed = np.zeros((len(seats), self.axes))  # force on fixed shapes, by each client's report [N]
-
-    def local_shapes(self, user: int) -> Sequence[Shape]:
-        return self.geometry[user].shapes
+        self.drawing = LocalDrawing(scene, self.data, self.object.start, self.geometry)
 
     def set_reported_positions(self, user: int, hand_m: Row, proxy_m: Row) -> None:
         self._goal[user] = proxy_m
@@ -171,3 +172,14 @@ class LocalScene(SceneWorld):
         super().restore(saved[8 * seats :])
         self.kinematic, self._quiet = own[:seats] != 0.0, own[seats : 2 * seats].astype(int)
         self._began, self._goal = own[2 * seats :].reshape(2, seats, PLACES)
+
+
+class LocalDrawing(SceneDrawing):
+    """Drawing of a scene, and the shapes with which each client renders contact itself."""
+
+    def __init__(self, scene: Scene, data: Any, start: Array, geometry: Sequence[LocalGeometry]) -> None:
+        super().__init__(scene, data, start)
+        self._geometry = geometry
+
+    def local_shapes(self, user: int) -> Sequence[Shape]:
+        return self._geometry[user].shapes

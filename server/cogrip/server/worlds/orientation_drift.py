@@ -12,8 +12,8 @@ from collections.abc import Iterable, Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from cogrip.protocol.rotations import Quaternion, Vector, between, exp, product
-from cogrip.protocol.setting_types import PLACES
+from cogrip.protocol.axes import PLACES
+from cogrip.protocol.laws.rotations import Quaternion, Vector, between, exp, product
 
 Array = NDArray[np.float64]
 

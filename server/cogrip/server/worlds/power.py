@@ -27,7 +27,7 @@ from typing import NamedTuple
 import numpy as np
 
 from cogrip.machine.addition import add_floats
-from cogrip.protocol.settings import SeatSettings
+from cogrip.protocol.settings.seat import SeatSettings
 from cogrip.server.worlds.world import Array, HandWorld, Row
 
 DRIFT_SHARE = 0.125  # share of the way from proxy to hand that is asked for in one frame

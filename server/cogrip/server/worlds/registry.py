@@ -17,8 +17,8 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 from cogrip.protocol.foreign_file import ForeignFileError
-from cogrip.protocol.object_kinds import KINDS, PYTHON, shared_kind, split_python
-from cogrip.protocol.settings import SeatSettings
+from cogrip.protocol.settings.object_kinds import KINDS, PYTHON, shared_kind, split_python
+from cogrip.protocol.settings.seat import SeatSettings
 from cogrip.protocol.texts import shown
 from cogrip.server.worlds.guarded import GuardedWorld
 from cogrip.server.worlds.world import World
@@ -99,30 +99,35 @@ def _listed(allowed: Sequence[int]) -> str:
     return " or ".join(map(str, allowed))
 
 
-def check_allowed(file: Path) -> None:
-    """Raise WorldKindError for a file that the administrator has not allowed."""
+def check_allowed(file: Path, key: str = "object.kind") -> None:
+    """Raise WorldKindError for a file that the administrator has not allowed. key: of the settings that name it."""
     folders = [Path(each).resolve() for each in os.environ.get(ALLOWED, "").split(os.pathsep) if each]
     if not any(file.resolve().is_relative_to(folder) for folder in folders):
         raise WorldKindError(
-            f"object.kind: {file} is a program, and settings may be anybody's: it is run only where its folder is allowed; "
+            f"{key}: {file} is a program, and settings may be anybody's: it is run only where its folder is allowed; "
             f"read it, then give --python-worlds {file.parent}, or set {ALLOWED}"
         )
 
 
 def _of_file(kind: str) -> WorldClass:
     name, class_name = split_python(kind)
-    file = Path(name)
-    check_allowed(file)
+    found, digest = class_in(Path(name), class_name, "object.kind")
+    return WorldClass(_checked(found, kind), f"{shared_kind(kind)} {digest}")
+
+
+def class_in(file: Path, name: str, key: str) -> tuple[Any, str]:
+    """Return a class in a Python file, which is run, and the file's digest. Raises WorldKindError."""
+    check_allowed(file, key)
     try:
         source = file.read_bytes()
     except OSError as error:
-        raise WorldKindError(f"object.kind: {file}: cannot be read: {error.strerror}") from None
+        raise WorldKindError(f"{key}: {file}: cannot be read: {error.strerror}") from None
     digest = hashlib.sha256(source).hexdigest()[:16]
     try:
         module = _run(str(file.resolve()), digest)
-        if not hasattr(module, class_name):
-            raise WorldKindError(f"object.kind: {file} has no class {class_name}; name one that is in it")
-        return WorldClass(_checked(getattr(module, class_name), kind), f"{shared_kind(kind)} {digest}")
+        if not hasattr(module, name):
+            raise WorldKindError(f"{key}: {file} has no class {name}; name one that is in it")
+        return getattr(module, name), digest
     except WorldKindError:
         raise
     except (Exception, SystemExit) as error:

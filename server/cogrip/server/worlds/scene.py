@@ -18,35 +18,39 @@ In a step a contact within reach counts by the sign of its force, not of its dep
 Data are kept as after `mj_step1`: places, energies and contacts are those of the present state.
 """
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
+from contextlib import AbstractContextManager
 from math import isfinite
+from typing import Any
 
 import mujoco  # type: ignore[import-untyped]
 import numpy as np
 
-from cogrip.protocol.drawing import UNTURNED, Shape
-from cogrip.protocol.rotations import log
-from cogrip.protocol.setting_types import GRIP_AXES, PLACES
-from cogrip.protocol.settings import SeatSettings
+from cogrip.protocol.axes import GRIP_AXES, PLACES
+from cogrip.protocol.laws.rotations import log
+from cogrip.protocol.settings.seat import SeatSettings
+from cogrip.server.worlds.accounts import Accounts
 from cogrip.server.worlds.energy_limiter import EnergyLimiter
 from cogrip.server.worlds.equality_rows import EqualityRows
 from cogrip.server.worlds.opening_ports import OpeningPorts
+from cogrip.server.worlds.scene_accounts import SceneAccounts, SceneProgress
 from cogrip.server.worlds.scene_bodies import SceneBodies, Workspace
 from cogrip.server.worlds.scene_contacts import SceneContacts
+from cogrip.server.worlds.scene_drawing import SceneDrawing
 from cogrip.server.worlds.scene_file import Scene
 from cogrip.server.worlds.scene_grips import grip_of
-from cogrip.server.worlds.scene_measures import SceneMeasures
 from cogrip.server.worlds.scene_object import SceneObject
-from cogrip.server.worlds.scene_shapes import shapes_of
+from cogrip.server.worlds.scene_script import RunningScript, ScriptedScene
 from cogrip.server.worlds.scene_state import SceneEnergy, check_memory, check_rates
 from cogrip.server.worlds.turning_ports import TurningPorts
+from cogrip.server.worlds.velocity_forces import VelocityForces
 from cogrip.server.worlds.warm_start import WarmStart
 from cogrip.server.worlds.world import Array, Row, World, WorldError, check_saved, dot
 
 _STATE = mujoco.mjtState.mjSTATE_INTEGRATION
 
 
-class SceneWorld(SceneMeasures):
+class SceneWorld(World):
     """`position` and `velocity` are those of the scene's object, its start being 0; `orientation` is its quaternion.
 
     A tool starts where the file has it, for a hand in the middle of its own frame. One that nobody holds touches nothing,
@@ -64,14 +68,15 @@ class SceneWorld(SceneMeasures):
         self.data = scene.start.data(model)
         self.object = SceneObject(scene, self.data)
         self.object_name = (self.object.there and model.body(scene.object).name) or World.object_name
-        drawn = shapes_of(scene, self.object.start)
-        self._shapes, self._drawn, self._points = drawn.shapes, drawn.bodies, drawn.points
-        self._not_drawn = drawn.left_out
         self._energy = SceneEnergy(model)
         self._equalities, self._warm = EqualityRows(model), WarmStart(model)
+        self._forces = VelocityForces(model)
         super().__init__(seats)
         self.limiter = EnergyLimiter(self.frame_s)
         self.contacts = SceneContacts(scene, self.frame_s)
+        self.drawing = SceneDrawing(scene, self.data, self.object.start)
+        self.accounts: Accounts = SceneAccounts(self, [seat.user for seat in seats])
+        self.progress: SceneProgress = SceneProgress(self)
         self.solid, self.kinematic = np.zeros((2, len(seats)), dtype=bool)
         self._dofs = np.array([range(tool.dof, tool.dof + 3) for tool in scene.tools])
         self._places = np.array([range(tool.coordinate, tool.coordinate + 3) for tool in scene.tools])
@@ -88,9 +93,30 @@ class SceneWorld(SceneMeasures):
         self._from_object = self.object.start - start  # to a hand's own frame, as long as _zero is as it is now
         self.offset[:, :PLACES] = self._from_object
         self._state = np.zeros(mujoco.mj_stateSize(model, _STATE))
+        self._script: RunningScript | None = None
+        self._scripted = ScriptedScene(model, self.data, scene.sensors, self.frame_s)
         for user in range(len(seats)):
             self._park(user)
         self._refresh()
+
+    def follow(self, script: RunningScript) -> None:
+        """Let a script set controls and move mocap bodies, before each step."""
+        self._script = script
+
+    def script_account(self) -> dict[str, Any]:
+        """Return what a run tells of the script; nothing where there is none."""
+        return {} if self._script is None else {"mocap_slowed": self._scripted.slowed}
+
+    def limit_calls(self, limit: Callable[[], AbstractContextManager[None]]) -> None:
+        if self._script is not None:
+            self._script.time_limit = limit
+
+    def _call_script(self, script: RunningScript) -> None:
+        try:
+            script.frame(self._scripted)
+        except WorldError as error:
+            self.failed = str(error)  # it is not called again
+            raise
 
     # Motion of the object
 
@@ -141,18 +167,6 @@ class SceneWorld(SceneMeasures):
         """Place of the object in the world; where there is none it is always within."""
         return self.object.at if self.object.there else self.workspace.middle
 
-    def geoms(self) -> Sequence[Shape]:
-        return self._shapes
-
-    def not_drawn(self) -> Sequence[str]:
-        return self._not_drawn
-
-    def poses_of_bodies(self) -> Array:
-        places = np.concatenate((self.data.xpos[self._drawn], self._points.places(self.data)))
-        turns = np.tile(UNTURNED, (len(places), 1))
-        turns[: len(self._drawn)] = self.data.xquat[self._drawn]
-        return np.concatenate((places - self.object.start, turns), axis=1)
-
     @property
     def energy_j(self) -> float:
         """Kinetic and potential energy of all bodies."""
@@ -172,9 +186,6 @@ class SceneWorld(SceneMeasures):
 
     def set_reported_rotation(self, user: int, rotation_rad: Row, travelled_rad: Row) -> None:
         self.turning.set_hand(user, rotation_rad, travelled_rad)
-
-    def stiffness_of(self, user: int) -> float | None:
-        return None
 
     # Taking hold and letting go
 
@@ -223,6 +234,9 @@ class SceneWorld(SceneMeasures):
         self.scene.start.begin(self.scene.model, self.data)
         self.contacts.forget()
         self._warm.forget()
+        self._forces.forget()
+        if self._script is not None:
+            self._script.reset()
         self.limiter = EnergyLimiter(self.frame_s)
         for user in range(len(self.holding)):
             self._park(user)
@@ -325,13 +339,17 @@ class SceneWorld(SceneMeasures):
         grippers = self.openings.users
         if grippers:
             data.qfrc_applied[self.openings.dofs] = force[grippers, PLACES]
+        if self._script is not None:
+            self._call_script(self._script)
         rates = np.zeros((self.substeps, *force.shape))
         for number, rate in enumerate(rates, 1):
             data.efc_margin[:] = 0.0
             self._equalities.correct(data)
             self._warm.extrapolate(data)
+            self._forces.correct(data)
             mujoco.mj_step2(model, data)
             check_rates(model, data)
+            self._forces.follow(data)
             rate[:, :PLACES] = data.qvel[dofs]
             if turning:
                 rate[turning, PLACES:] = data.qvel[self.turning.dofs]
@@ -339,24 +357,20 @@ class SceneWorld(SceneMeasures):
                 rate[grippers, PLACES] = data.qvel[self.openings.dofs]
             if number == self.substeps:
                 self.contacts.read(data)
+            if self._script is not None:
+                self._scripted.move(number / self.substeps)
             mujoco.mj_step1(model, data)
         check_memory(data)
         self.departed += self._free_bodies.departed(data)
-        if self._watch:
-            body, progress = self._watch
-            self.events += progress.frame(*self._pose_of(body), self.holding.tolist())
+        self.events += self.progress.frame()
         moved: Array = np.add.reduce(rates, axis=0, initial=0.0)
         squares: Array = np.add.reduce(rates * rates, axis=0, initial=0.0)
         return moved, squares
 
     def _begin_anew(self, put_back: Sequence[int]) -> None:
-        """Bring data up to bodies that were put where they started: what a task asks for there is nobody's doing."""
-        if self._watch and self._watch[0] in put_back:
-            self._watch[1].put_back()
+        """Bring data up to bodies that were put where they started."""
+        self.progress.put_back(put_back)
         self._refresh()
-
-    def limiter_account(self) -> dict[str, float] | None:
-        return self.limiter.account()
 
     # Saving
 
@@ -378,12 +392,19 @@ class SceneWorld(SceneMeasures):
         seats = np.concatenate((self.holding, self.solid, self.port_work, self._work_error)).tolist()
         ledger = limiter.level_j, limiter.paid_j, float(limiter.limited), self.balance_error_j
         zero = self._zero.ravel().tolist()
-        return (*self.turning.save(), *self._warm.save(), *self._state.tolist(), *seats, *zero, *ledger)
+        script = self._script.save() if self._script is not None else ()
+        solver = *self._warm.save(), *self._forces.save()
+        return (*script, *self.turning.save(), *solver, *self._state.tolist(), *seats, *zero, *ledger)
 
     def restore(self, saved: Row) -> None:
         seats, physics = len(self.holding), self._state.size
+        if self._script is not None:
+            kept = self._script.numbers
+            self._script.restore(saved[:kept])
+            saved = saved[kept:]
         turned = self.turning.saved_numbers
-        first = turned + self._warm.numbers
+        warm = turned + self._warm.numbers
+        first = warm + self._forces.numbers
         check_saved(saved, first + physics + 7 * seats + 4)
         state = np.array(saved[first:])
         holding, solid, work, work_error = state[physics : physics + 4 * seats].reshape(4, seats)
@@ -398,7 +419,8 @@ class SceneWorld(SceneMeasures):
             self._begin_at(user, zero)
         mujoco.mj_setState(self.scene.model, self.data, state[:physics], _STATE)
         self.turning.restore(saved[:turned])
-        self._warm.restore(saved[turned:first])
+        self._warm.restore(saved[turned:warm])
+        self._forces.restore(saved[warm:first])
         self.limiter.level_j, self.limiter.paid_j, limited, self.balance_error_j = saved[-4:]
         self.limiter.limited = int(limited)
         self.port_work, self._work_error = work, work_error

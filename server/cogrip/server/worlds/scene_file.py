@@ -12,7 +12,7 @@ choose how a step is solved (`Scene.changed`): with other integrators, or a solv
 
 import warnings
 from collections.abc import Callable, Collection, Sequence, Set
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 from hashlib import sha256
 from pathlib import Path
@@ -22,13 +22,22 @@ import mujoco  # type: ignore[import-untyped]
 import numpy as np
 
 from cogrip.machine.addition import add_integers
-from cogrip.protocol.setting_types import PINCH, PLACES, POSE_AXES, Orientation, Side
-from cogrip.protocol.settings import Settings
+from cogrip.machine.trial import MEMORY_BYTES, TrialError, tried
+from cogrip.protocol.axes import PLACES, POSE_AXES
+from cogrip.protocol.settings.sections import Settings
+from cogrip.protocol.settings.types import PINCH, Orientation, Side
 from cogrip.protocol.texts import shown
-from cogrip.server.io.trial import MEMORY_BYTES, TrialError, tried
 from cogrip.server.worlds.scene_places import CLEAR_M, SITE, Placed, place_tools
 from cogrip.server.worlds.scene_start import Start, names_of, start_of
-from cogrip.server.worlds.scene_text import MOST_NAMED, SceneError, SceneFiles, listed, read_scene, scene_of
+from cogrip.server.worlds.scene_text import (
+    MOST_NAMED,
+    OutsideError,
+    SceneError,
+    SceneFiles,
+    listed,
+    read_scene,
+    scene_of,
+)
 
 MOST_CONTACTS = 8  # most contacts of a tool whose forces are measured, the strongest ones
 MOST_ITERATIONS = 1000
@@ -157,7 +166,10 @@ class Scene:
 
 
 class SceneAccount(NamedTuple):
-    """Account of a scene as its author has it, each part in words. refused: why it cannot be used, "" where it can."""
+    """Account of a scene as its author has it, each part in words.
+
+    refused: why it cannot be used, "" where it can; folder: one that would have all files that its texts name, "" for none
+    """
 
     refused: str = ""
     added: tuple[str, ...] = ()
@@ -165,6 +177,7 @@ class SceneAccount(NamedTuple):
     own: tuple[str, ...] = ()
     changed: tuple[str, ...] = ()
     unused: tuple[str, ...] = ()
+    folder: str = ""
 
 
 class Held(NamedTuple):
@@ -189,12 +202,16 @@ def held_by(settings: Settings) -> list[Held]:
     ]
 
 
-def scene_of_settings(settings: Settings, frame_s: float) -> Scene:
-    """Return the scene of a room. Raises SceneError."""
+def scene_of_settings(settings: Settings, frame_s: float, script: str = "") -> Scene:
+    """Return the scene of a room. script: what says which code its script is. Raises SceneError."""
     given = settings.object
     folder = Path(given.folder) if given.folder else None
     files = read_scene(Path(given.file), folder)
-    return _made(files, held_by(settings), frame_s / given.substeps, given.keyframe, given.ctrl)
+    made = _made(files, held_by(settings), frame_s / given.substeps, given.keyframe, given.ctrl)
+    if not given.script:
+        return made
+    digest = sha256(f"{made.digest} {script}".encode()).hexdigest()[:DIGEST_DIGITS]
+    return replace(made, digest=digest, unused=tuple(each for each in made.unused if not each.startswith(SCRIPTED)))
 
 
 def account_of(settings: Settings, frame_s: float) -> SceneAccount:
@@ -202,7 +219,7 @@ def account_of(settings: Settings, frame_s: float) -> SceneAccount:
     try:
         scene = scene_of_settings(settings, frame_s)
     except SceneError as error:
-        return SceneAccount(str(error))
+        return SceneAccount(str(error), folder=error.folder if isinstance(error, OutsideError) else "")
     places = scene.start.data(scene.model).xpos
     added = [
         f"{user.tool or TOOLS[0]} for {user.name} at {', '.join(f'{1e3 * each:.4g}' for each in places[tool.body])} mm"
@@ -244,6 +261,9 @@ def _made(
         _tried.add(digest)
     return load()
 
+
+SCRIPTED = ("mocap bodies", "ctrl of actuators")
+"""What is used of a scene where it has a script, as `Scene.unused` begins with it."""
 
 _tried: set[str] = set()
 """Whole digests of scenes that passed their trial in this process."""
@@ -325,14 +345,14 @@ def _choose_tools(
         if is_own and spec.body(held.tool).mocap:
             _take_mocap(spec, held, bare, begun)
     object_m, radius_m = _object(bare, begun, {held.tool for held, is_own in zip(seats, own, strict=True) if is_own})
-    chosen, beside = [], {"left": 0, "right": 0}
+    chosen, beside, bits = [], {"left": 0, "right": 0}, _touching_bits(bare)
     for seat, (held, is_own) in enumerate(zip(seats, own, strict=True)):
         chosen.append(held.tool if is_own else _added(held.tool, seat, bodies, name))
         if not is_own:
             sign = -1.0 if held.side == "left" else 1.0
             place = object_m + np.array([sign * (radius_m + CLEAR_M), APART_M * beside[held.side], 0.0])
             beside[held.side] += 1
-            _add_tool(spec, chosen[-1], held, place.tolist())
+            _add_tool(spec, chosen[-1], held, place.tolist(), bits)
     return chosen
 
 
@@ -374,10 +394,10 @@ def _unused(
     mocaps = [body for body in range(bare.nbody) if bare.body_mocapid[body] >= 0 and body not in taken]
     if mocaps:
         names = [bare.body(body).name or f"body {body}" for body in mocaps]
-        unused.append(f"mocap bodies stay where they are ({listed(names)}): name one as a person's tool")
+        unused.append(f"{SCRIPTED[0]} stay where they are ({listed(names)}): name one as a person's tool")
     if bare.nu and not controlled:
         names = names_of(bare, bare.nu, "actuator")
-        unused.append(f"ctrl of actuators stays 0 ({listed(names)}): set object.ctrl, or a keyframe that has it")
+        unused.append(f"{SCRIPTED[1]} stays 0 ({listed(names)}): set object.ctrl, or a keyframe that has it")
     return tuple(unused)
 
 
@@ -497,8 +517,10 @@ def _solved(spec: mujoco.MjSpec, options: Set[str], step_s: float) -> tuple[str,
         bit for bit in (off.mjDSBL_DAMPER, off.mjDSBL_EULERDAMP, off.mjDSBL_SENSOR) if option.disableflags & bit
     ]
     changed += [f"flag {bit.name.rpartition('_')[2].lower()} (disable > enable)" for bit in disabled]
-    if option.enableflags & on.mjENBL_SLEEP:
-        changed.append("flag sleep (enable > disable)")
+    for bit in (on.mjENBL_SLEEP, on.mjENBL_OVERRIDE):  # the latter gives every contact the scene's one setting
+        if option.enableflags & bit:
+            changed.append(f"flag {bit.name.rpartition('_')[2].lower()} (enable > disable)")
+            option.enableflags &= ~int(bit)
     for key, of in _SOLVED.items():
         given = getattr(spec.option, key)
         taken = of(given)
@@ -596,7 +618,25 @@ def _added(tool: str, seat: int, bodies: set[str], name: str) -> str:
     return f"{ADDED}{seat}"
 
 
-def _add_tool(spec: mujoco.MjSpec, body_name: str, held: Held, place: Sequence[float]) -> None:
+def _touching_bits(bare: mujoco.MjModel) -> int:
+    """Return bits of contype and conaffinity by which an added tool touches a part of each body that anything touches.
+
+    That is MuJoCo's own, 1, where every body has a part with it; else those of a body that has none are added.
+    """
+    bits = 1
+    for body in range(bare.nbody):
+        of = [
+            int(bare.geom_contype[geom] | bare.geom_conaffinity[geom])
+            for geom in np.flatnonzero(bare.geom_bodyid == body)
+        ]
+        if not any(each & 1 for each in of):
+            for each in of:
+                bits |= each
+    return bits
+
+
+def _add_tool(spec: mujoco.MjSpec, body_name: str, held: Held, place: Sequence[float], bits: int) -> None:
+    """Add a tool at a place. bits: of contype and conaffinity."""
     kind = held.tool or TOOLS[0]
     body = spec.worldbody.add_body(name=body_name, pos=place, gravcomp=1.0)
     if held.orientation in ("", "fixed"):
@@ -624,7 +664,7 @@ def _add_tool(spec: mujoco.MjSpec, body_name: str, held: Held, place: Sequence[f
         _plain(joint, _OF_JOINTS)
     for geom in geoms:
         _plain(geom, _OF_GEOMS)
-        geom.mass = TOOL_KG / len(geoms)
+        geom.mass, geom.contype, geom.conaffinity = TOOL_KG / len(geoms), bits, bits
         for key, value in _GEOM.items():
             setattr(geom, key, value)
 

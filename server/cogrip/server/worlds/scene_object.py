@@ -4,8 +4,8 @@ import mujoco  # type: ignore[import-untyped]
 import numpy as np
 from numpy.typing import NDArray
 
-from cogrip.protocol.rotations import UNTURNED, exp, inverse, log, product, turned
-from cogrip.protocol.setting_types import PLACES, POSE_AXES
+from cogrip.protocol.axes import PLACES, POSE_AXES
+from cogrip.protocol.laws.rotations import UNTURNED, exp, inverse, log, product, turned
 from cogrip.server.worlds.scene_file import Scene
 
 Array = NDArray[np.float64]

@@ -6,15 +6,15 @@ at which nothing is in its way. The target is the object, or where there is none
 has a site cogrip_NAME, NAME being the person's, the tool begins there.
 """
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Collection, Iterator, Sequence
 from itertools import product
-from math import dist
+from math import dist, inf
 from typing import NamedTuple
 
 import mujoco  # type: ignore[import-untyped]
 import numpy as np
 
-from cogrip.protocol.setting_types import Side
+from cogrip.protocol.settings.types import Side
 from cogrip.server.worlds.scene_start import Start
 from cogrip.server.worlds.scene_text import SceneError
 
@@ -26,6 +26,8 @@ _CLOSE_M = 0.0005  # largest difference from CLEAR_M at which the search of a pl
 _FAR_M = 1e3  # largest distance that is measured
 MOST_TARGETS = 16  # most bodies near which a free place is looked for, where there is no object
 _MOST_STEPS = 60
+_GRIPS_M = (0.0, 0.005, 0.01, 0.015, 0.02, 0.03, 0.04)
+"""Heights above an object's centre of mass at which hands take it, in the order in which they are tried."""
 _OFFSETS_M = (0.0, 0.02, -0.02, 0.05, -0.05, 0.1, -0.1, 0.2, 0.4, 0.8)
 """Heights of a place above the middle of its target, in the order in which they are tried."""
 _ABOVE_M = (1.6, 3.2)  # further heights, where there is nothing to be near to
@@ -61,6 +63,28 @@ def place_tools(model: mujoco.MjModel, start: Start, tools: Sequence[Placed], ta
                     f"{name}: there is no free place{beside} for an added tool; give the scene a body with a free joint, or "
                     f"with three slide joints, where it is free, and name it as the person's tool, or a site {SITE}NAME"
                 )
+
+
+class Approach(NamedTuple):
+    """Way of a tool to its target [m]: first beside it, then along x until it touches."""
+
+    first_m: tuple[float, float, float]
+    gap_m: float
+
+
+def approaches(
+    model: mujoco.MjModel, start: Start, tools: Sequence[int], signs: Sequence[float], target: int
+) -> tuple[Approach, ...] | None:
+    """Return how added tools come to take a body between them, all at one height, touching nothing else; None: they cannot.
+
+    signs: side of each tool along x. The model is as it was afterwards.
+    """
+    places = _Places(model, start)
+    for up in _GRIPS_M:
+        found = [places.approach(tool, sign, target, up) for tool, sign in zip(tools, signs, strict=True)]
+        if None not in found:
+            return tuple(each for each in found if each)
+    return None
 
 
 def _moving(model: mujoco.MjModel, tools: set[int]) -> list[int]:
@@ -124,6 +148,28 @@ class _Places:
         self._move(body, near[0] if near else begun)
         return bool(near)
 
+    def approach(self, body: int, sign: float, target: int, up: float) -> Approach | None:
+        """Return how a tool comes to a body this far above its centre of mass, None where it does not."""
+        model, data = self._model, self._data
+        begun = model.body_pos[body].copy()
+        self._move(body, begun.copy())
+        middle = data.subtree_com[target].copy()
+        aims = [geom for part in range(model.nbody) if model.body_rootid[part] == target for geom in self._others[part]]
+        place = np.array([begun[0], middle[1], middle[2] + up])
+        self._move(body, place)
+        free, left_m = self._is_free(body), inf
+        for _ in range(_MOST_STEPS):
+            left_m = self._distance(body, aims)
+            if left_m <= _CLOSE_M or sign * (place[0] - middle[0]) < 0.0:
+                break
+            place[0] -= sign * left_m
+            self._move(body, place)
+        there = free and left_m <= _CLOSE_M and self._is_free(body, aims)
+        first = (0.0, float(place[1] - begun[1]), float(place[2] - begun[2]))
+        gap_m = sign * float(begun[0] - place[0])
+        self._move(body, begun)
+        return Approach(first, gap_m) if there and gap_m >= 0.0 else None
+
     def _candidates(self, body: int, sign: float, aims: Sequence[int], begun: np.ndarray) -> Iterator[np.ndarray]:
         if not aims:
             for up, aside in product((*_OFFSETS_M, *_ABOVE_M), _ASIDE_M):
@@ -171,18 +217,22 @@ class _Places:
             default=_FAR_M,
         )
 
-    def _is_free(self, body: int) -> bool:
-        """Return whether a tool is in nothing."""
-        rest = [geom for part, geoms in self._others.items() if self._model.body_rootid[part] != body for geom in geoms]
-        return self._distance(body, rest) >= FREE_M and self._contact(body) >= FREE_M
+    def _is_free(self, body: int, aims: Collection[int] = ()) -> bool:
+        """Return whether a tool is in nothing but these geoms."""
+        others = [(part, geoms) for part, geoms in self._others.items() if self._model.body_rootid[part] != body]
+        rest = [geom for _, geoms in others for geom in geoms if geom not in aims]
+        return self._distance(body, rest) >= FREE_M and self._contact(body, aims) >= FREE_M
 
     def _in_margin(self, body: int) -> bool:
         """Return whether a tool is within the margin of a contact, where MuJoCo has one already."""
         return self._contact(body) < _FAR_M
 
-    def _contact(self, body: int) -> float:
-        """Return the least distance of the contacts that MuJoCo has of a tool, also with what has no other distance [m]."""
+    def _contact(self, body: int, aims: Collection[int] = ()) -> float:
+        """Return the least distance of the contacts that MuJoCo has of a tool, also with what has no other distance [m].
+
+        aims: geoms whose contacts do not count
+        """
         mujoco.mj_collision(self._model, self._data)
         contact, mine = self._data.contact, self._of(body)
-        one = np.isin(contact.geom, mine).sum(axis=1) == 1
+        one = (np.isin(contact.geom, mine).sum(axis=1) == 1) & ~np.isin(contact.geom, list(aims)).any(axis=1)
         return float(contact.dist[one].min(initial=_FAR_M))

@@ -13,7 +13,10 @@ import mujoco  # type: ignore[import-untyped]
 import numpy as np
 
 from cogrip.server.worlds.scene import SceneWorld
+from cogrip.server.worlds.scene_state import SceneEnergy
 from cogrip.server.worlds.world import World
+
+_SLIDES = int(mujoco.mjtJoint.mjJNT_FREE), int(mujoco.mjtJoint.mjJNT_SLIDE)
 
 
 @lru_cache(maxsize=1)
@@ -44,3 +47,26 @@ def springs_j(world: SceneWorld) -> float:
     both_ways = data.efc_type == mujoco.mjtConstraint.mjCNSTR_EQUALITY
     stretched = np.where(both_ways, data.efc_pos, np.minimum(data.efc_pos, 0.0))
     return 0.5 * float((spring * stretched**2).sum())
+
+
+def half_step_j(world: SceneWorld) -> float:
+    """Return how much more energy a scene has at the places of half a step before, with the velocities that it has now [J].
+
+    MuJoCo steps as a leapfrog does, velocities half a step before places: M(x) (v+ - v)/h = f(x) is symmetric, and what it
+    keeps is E(x - h/2 v, v). As a pendulum swings E(x, v) goes up and down by h/2 times its power. 0 of free bodies
+    and slides alone.
+    """
+    model = world.scene.model
+    if np.isin(model.jnt_type, _SLIDES).all():
+        return 0.0
+    data = _spare(model)
+    mujoco.mj_copyData(data, model, world.data)
+    mujoco.mj_integratePos(model, data.qpos, data.qvel, -0.5 * float(model.opt.timestep))
+    for compute in (
+        mujoco.mj_kinematics, mujoco.mj_comPos, mujoco.mj_flex, mujoco.mj_tendon, mujoco.mj_crb, mujoco.mj_comVel,
+        mujoco.mj_energyPos, mujoco.mj_energyVel,
+    ):  # fmt: skip
+        compute(model, data)
+    energy = SceneEnergy(model)
+    now, before = (energy.of(each) for each in (world.data, data))
+    return before - now

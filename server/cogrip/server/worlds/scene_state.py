@@ -21,10 +21,19 @@ class SceneEnergy:
 
     def begin(self, data: mujoco.MjData) -> None:
         """Count from this state, which was changed by hand."""
+        self._weigh()
+        self.gain(data)
+
+    def _weigh(self) -> None:
         model = self._model
         self._carried = carried = np.flatnonzero(model.body_gravcomp)
         self._weight = (model.body_gravcomp[carried] * model.body_mass[carried])[:, None] * model.opt.gravity
+
+    def of(self, data: mujoco.MjData) -> float:
+        """Return the energy of a state [J], as of now."""
+        self._weigh()
         self.gain(data)
+        return self.now_j
 
     def gain(self, data: mujoco.MjData) -> float:
         """Return how much energy the bodies have got since the call before [J]."""

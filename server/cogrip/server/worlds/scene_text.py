@@ -14,6 +14,7 @@ import re
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from hashlib import sha256
+from os.path import commonpath, normpath
 from pathlib import Path
 from typing import NamedTuple
 from xml.parsers import expat
@@ -35,6 +36,14 @@ _ABSOLUTE = re.compile(r"[/\\]|.*:[/\\]")
 
 class SceneError(ForeignFileError, ValueError):
     """A scene that cannot be used. The text says why, in one line."""
+
+
+class OutsideError(SceneError):
+    """A scene that names files outside of its folder. folder: the least one that has all of them, "" where that is the root."""
+
+    def __init__(self, text: str, folder: str) -> None:
+        super().__init__(text)
+        self.folder = folder
 
 
 @dataclass(frozen=True, slots=True)
@@ -163,6 +172,8 @@ class _Reader:
         self._discarded: list[str] = []
         self._elements, self._texts = 0, 0
         self._left = MOST_FILES_BYTES
+        self._outside: dict[str, list[Path]] = {}
+        """What an error says of a file that is named and not read, and folders that the scene's would have to be above."""
 
     def read(self, text: str, main: str) -> SceneFiles:
         """Return the files of the scene of this text. Raises SceneError."""
@@ -170,6 +181,8 @@ class _Reader:
             main += _TEXT_ENDINGS[0]
         self._files[main] = text.encode()
         self._model(text, main)
+        if self._outside:
+            raise self._left_folder()
         discarded = tuple(dict.fromkeys(self._discarded))
         return SceneFiles(self._name, main, self._files, frozenset(self._options), discarded)
 
@@ -202,6 +215,8 @@ class _Reader:
                     model.named.append(_Named(tag, file, folder, visual))
                     continue
                 path = self._add(tag, file, _joined(model.folder, file), folder)
+                if path not in self._files:
+                    continue  # it is outside, and told at the end
                 read = self._models if tag == "model" else model.included
                 if path in read:
                     continue  # MuJoCo says what is wrong with that
@@ -248,8 +263,11 @@ class _Reader:
         if not source.exists() and (beside := self._folder / _joined(folder, file)).exists():
             source = beside
         source = source.resolve()
-        if _ABSOLUTE.match(path) or path.startswith("../") or not source.is_relative_to(self._folder):
-            raise SceneError(f"{told} is outside of the scene's folder; {_INSIDE}")
+        if _ABSOLUTE.match(path):
+            raise SceneError(f"{told} is an absolute path; put it beside the scene, or below, and name it from there")
+        if path.startswith("../") or not source.is_relative_to(self._folder):
+            self._outside.setdefault(told, [source.parent, Path(normpath(self._folder / ("../" * path.count("../"))))])
+            return path
         if self._sources.setdefault(path, source) != source:
             raise SceneError(
                 f"{told} is one of two files that MuJoCo would take for each other; give them different names"
@@ -262,6 +280,16 @@ class _Reader:
                 most_mb = MOST_FILES_BYTES / 1e6
                 raise SceneError(f"{self._name}: its files have more than {most_mb:g} MB together; make them coarser")
         return path
+
+    def _left_folder(self) -> OutsideError:
+        """Return the error of the files that are named and are outside. No more is known of what they name."""
+        assert self._folder is not None
+        first, count = next(iter(self._outside)), len(self._outside)
+        told = f"{first} is outside of the scene's folder" + (f", and {count - 1} more" if count > 1 else "")
+        above = Path(commonpath([self._folder, *[folder for folders in self._outside.values() for folder in folders]]))
+        if above == Path(above.anchor):
+            return OutsideError(f"{told}; put it beside the scene, or below", "")
+        return OutsideError(f'{told}; put it beside the scene, or below, or set object.folder = "{above}"', str(above))
 
 
 def _folder_of(path: str) -> str:

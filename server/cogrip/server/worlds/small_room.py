@@ -9,7 +9,8 @@ from collections.abc import Sequence
 import numpy as np
 
 from cogrip.machine.addition import add_floats
-from cogrip.protocol.settings import SeatSettings
+from cogrip.protocol.settings.seat import SeatSettings
+from cogrip.server.worlds.accounts import Accounts
 from cogrip.server.worlds.grip import GripWorld
 from cogrip.server.worlds.small_step import MOST as MOST
 from cogrip.server.worlds.small_step import GripStep
@@ -54,6 +55,7 @@ class SmallGripWorld(GripWorld):
         super().__init__(seats)
         self._adapts_stiffness: list[bool] = self.adapts_stiffness.tolist()
         self._offsets: dict[int, list[float]] = {}  # of users, in plain floats
+        self.accounts = SmallAccounts(self)
 
     @property
     def energy_j(self) -> float:
@@ -158,9 +160,6 @@ class SmallGripWorld(GripWorld):
             offset = self._offsets[user] = self.offset[user].tolist()
         return self.moving.proxy_of(user, offset)
 
-    def stiffness_of(self, user: int) -> float:
-        return self.moving.K[user]
-
     def force_of(self, user: int) -> Row:
         return self.moving.force_of(user)
 
@@ -198,3 +197,14 @@ class SmallGripWorld(GripWorld):
     @balance_error_j.setter
     def balance_error_j(self, error_j: float) -> None:
         self.moving.error_j = error_j
+
+
+class SmallAccounts(Accounts):
+    """Accounts in plain floats."""
+
+    def __init__(self, world: SmallGripWorld) -> None:
+        super().__init__(world)
+        self._moving = world.moving
+
+    def stiffness(self, user: int) -> float:
+        return self._moving.K[user]

@@ -7,8 +7,8 @@ one block of memory (docs/decisions/0028-typed-classes.md). Symbols and equation
 from collections.abc import Sequence
 from typing import Any
 
-from cogrip.protocol.effects import Effect
-from cogrip.protocol.setting_types import PLACES
+from cogrip.protocol.axes import PLACES
+from cogrip.protocol.settings.effects import Effect
 from cogrip.server.worlds.world_step import REACH_M, WORKSPACE_M, Row, WorldStep
 
 MOST = 18  # most people times axes

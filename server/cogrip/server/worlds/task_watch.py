@@ -4,8 +4,8 @@ from collections.abc import Sequence
 from math import acos, dist
 from typing import Any
 
-from cogrip.protocol.rotations import between, inverse, product, turned
-from cogrip.protocol.task import EVERYBODY, Task
+from cogrip.protocol.laws.rotations import between, inverse, product, turned
+from cogrip.protocol.settings.task import EVERYBODY, Task
 
 _AXES = "xyz"
 _ROUNDING_S = 1e-9

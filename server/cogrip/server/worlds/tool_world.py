@@ -13,9 +13,12 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from cogrip.protocol.rotations import exp, inverse, log, product
-from cogrip.protocol.setting_types import PLACES
-from cogrip.protocol.settings import SeatSettings
+from cogrip.protocol.axes import PLACES
+from cogrip.protocol.drawing import Shape
+from cogrip.protocol.laws.rotations import exp, inverse, log, product
+from cogrip.protocol.settings.seat import SeatSettings
+from cogrip.server.worlds.accounts import ToolAccounts
+from cogrip.server.worlds.drawing import Drawing
 from cogrip.server.worlds.world import Array, World, displacement
 
 
@@ -24,13 +27,14 @@ class ToolWorld(World):
 
     `position` and `velocity` are shown as those of the object; `move` may set them. A tool stays as it is when a person
     takes it: the hand is then there, wherever it is, and however it is turned, in its own frame. Orientations are rotation
-    vectors, of any length; `cogrip.protocol.rotations` has what turns and adds them. Behind the offset of a place is the
+    vectors, of any length; `cogrip.protocol.laws.rotations` has what turns and adds them. Behind the offset of a place is the
     rotation D with R D = R_hand in the hand's own frame, which both turning by the same rotation leaves as it is.
     """
 
     def __init__(self, seats: Sequence[SeatSettings]) -> None:
         super().__init__(seats)
         self._drive = np.sqrt(2.0 * self.port_impedance)
+        self.accounts, self.drawing = ToolAccounts(self), OwnDrawing(self)
 
     @property
     @abstractmethod
@@ -64,9 +68,6 @@ class ToolWorld(World):
             place[PLACES:] = log(product(exp(tool[PLACES:].tolist()), exp(offset[PLACES:].tolist())))
         return place
 
-    def stiffness_of(self, user: int) -> float | None:
-        return None
-
     def bring_to_rest(self) -> None:
         """Leave it moving: it comes to rest by its own friction."""
 
@@ -87,3 +88,33 @@ class ToolWorld(World):
         self.force = force - damping * w
         self._count_work((0.5 * self.frame_s) * (u * u - back * back).sum(axis=1))
         return back
+
+    # Looks, for the author to say
+
+    def geoms(self) -> Sequence[Shape]:
+        """Return the shapes that the world is drawn of; none where the object alone is drawn."""
+        return ()
+
+    def poses_of_bodies(self) -> Array:
+        """Return place [m] in the object's frame and quaternion of each body that moves and has shapes, shape (bodies, 7)."""
+        return np.zeros((0, 7))
+
+    def not_drawn(self) -> Sequence[str]:
+        """Return what the world has that its shapes do not say, in words, for those who look at it; none where they say all."""
+        return ()
+
+
+class OwnDrawing(Drawing):
+    """The looks of a world, as its author says them."""
+
+    def __init__(self, world: ToolWorld) -> None:
+        self._world = world
+
+    def shapes(self) -> Sequence[Shape]:
+        return self._world.geoms()
+
+    def poses(self) -> Array:
+        return self._world.poses_of_bodies()
+
+    def left_out(self) -> Sequence[str]:
+        return self._world.not_drawn()

@@ -11,8 +11,8 @@ from collections.abc import Sequence
 import mujoco  # type: ignore[import-untyped]
 import numpy as np
 
-from cogrip.protocol.rotations import UNTURNED, Quaternion, exp, inverse, product
-from cogrip.protocol.setting_types import PLACES
+from cogrip.protocol.axes import PLACES
+from cogrip.protocol.laws.rotations import UNTURNED, Quaternion, exp, inverse, product
 from cogrip.server.worlds.orientation_drift import Array, DriftCorrection
 from cogrip.server.worlds.scene_file import Scene
 from cogrip.server.worlds.world import turn

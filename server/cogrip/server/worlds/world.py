@@ -1,23 +1,26 @@
 """Base of all worlds: state of the object, a proxy for each person, and the energy ledger."""
 
 from abc import ABC, abstractmethod
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
+from contextlib import AbstractContextManager
 from math import isfinite
-from typing import Any, ClassVar
+from typing import ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
 
 from cogrip.machine.addition import add_integers
-from cogrip.protocol.drawing import Shape
-from cogrip.protocol.effects import Effect
+from cogrip.protocol.axes import PLACES, POSE_AXES
 from cogrip.protocol.foreign_file import ForeignFileError
+from cogrip.protocol.laws.rotations import between, exp
+from cogrip.protocol.laws.waves import server_gain
 from cogrip.protocol.line.energy_sums import add_compensated
-from cogrip.protocol.object_kinds import kind_of
-from cogrip.protocol.rotations import between, exp
-from cogrip.protocol.setting_types import PLACES, POSE_AXES
-from cogrip.protocol.settings import SeatSettings
-from cogrip.protocol.waves import server_gain
+from cogrip.protocol.settings.effects import Effect
+from cogrip.protocol.settings.object_kinds import kind_of
+from cogrip.protocol.settings.seat import SeatSettings
+from cogrip.server.worlds.accounts import Accounts
+from cogrip.server.worlds.drawing import Drawing
+from cogrip.server.worlds.progress import Progress
 from cogrip.server.worlds.world_step import REACH_M as REACH_M
 from cogrip.server.worlds.world_step import WORKSPACE_M as WORKSPACE_M
 from cogrip.server.worlds.world_step import Row as Row
@@ -61,6 +64,8 @@ class World(ABC):
     Positions of a user (proxy, device) are in that user's own frame: `offset` is what joining put between it and the
     object's (theory section 3.7: the proxy starts on the object, wherever the hand is).
 
+    Beside it stand its `drawing`, its `accounts` and the `progress` of its task, on which no step depends.
+
     failed            why it is not stepped any more, "" while it is
     impedance         b of each person's port [N s/m], shape (n, 1)
     further_impedance  of the axes behind the places, shape (n, 1): b_r [N m s] of those that turn, b_g [N s/m] of an opening
@@ -77,7 +82,6 @@ class World(ABC):
     `restore` go through those of all base classes."""
     inputs_per_axis = 1  # number of inputs on each axis, which are waves
     object_name = "the object"  # name of the object in texts
-    unsaved_progress = 0  # count of numbers at the end of `progress` that checkpoints of earlier versions lack
     gained_j = 0.0  # energy that the bodies of a scene have got in all steps so far
     can_adapt_stiffness = False  # whether `set_target_stiffness` may be called
     failed = ""
@@ -111,6 +115,7 @@ class World(ABC):
         self.events: list[str] = []  # what has happened in this step: a marker each
         # bodies that left the workspace in this step, each with its place [m]
         self.departed: list[tuple[str, Row]] = []
+        self.drawing, self.accounts, self.progress = Drawing(), Accounts(self), Progress()
         # that everybody's client renders, places in the object's frame at its start
         self.effects: Sequence[Effect] = ()
 
@@ -225,15 +230,15 @@ class World(ABC):
         and the opening of its gripper [m]; None: not known. Called before every step in which either is known."""
         return
 
+    def limit_calls(self, limit: Callable[[], AbstractContextManager[None]]) -> None:
+        """Bound the time of calls of another author's code by this context; nothing of this world is another author's."""
+        return
+
     def engaged_at(self, user: int) -> Row:
         """Return the place [m], in the hand's own frame, at which the wave line began to move a person's tool (theory 8.7).
 
         () where the line moves no tool now, and in worlds where it moves one from joining to leaving.
         """
-        return ()
-
-    def local_shapes(self, user: int) -> Sequence[Shape]:
-        """Return the shapes with which a person's client renders contact itself, in the hand's own frame."""
         return ()
 
     def start_ledger(self, user: int) -> None:
@@ -289,14 +294,6 @@ class World(ABC):
             raise WorldError("it is of a scene of rigid bodies, and this room has none")
         self.position = np.array(position_m)
 
-    def progress(self) -> Row:
-        """Return measures of the run so far, of contacts and of the task, for a checkpoint. No step depends on them."""
-        return ()
-
-    def restore_progress(self, progress: Row) -> None:
-        """Continue the measures of the run from those that `progress` returned; called after `restore_coordinates`."""
-        return
-
     def motion(self) -> Row:
         """Return the object's position [m], then its velocity [m/s]."""
         return tuple(self.position.tolist() + self.velocity.tolist())
@@ -310,49 +307,9 @@ class World(ABC):
         """Return `proxy` in plain floats."""
         return tuple(self.proxy(user).tolist())
 
-    def limiter_account(self) -> dict[str, float] | None:
-        """Return the ledger of what bounds the energy that goes back; None where the step itself makes none."""
-        return None
-
-    def task_account(self) -> dict[str, Any] | None:
-        """Return how far the task of the settings has come; None where they state none."""
-        return None
-
-    def scene_account(self) -> dict[str, Any] | None:
-        """Return contact forces, slip and lift of the run so far (docs/summary.md); None where there are no bodies."""
-        return None
-
-    def contact_of(self, user: int) -> tuple[float | None, float | None, float | None]:
-        """Return normal force and friction at a person's tool [N], and its slip [m]; None where there are no bodies."""
-        return None, None, None
-
-    def stiffness_of(self, user: int) -> float | None:
-        """Return K of a user's spring now [N/m]; None where there is no spring."""
-        return float(self.stiffness[user, 0])
-
     def force_of(self, user: int) -> Row:
         """Return the force of one user's coupling [N], in plain floats."""
         return tuple(self.force[user].tolist())
-
-    def geoms(self) -> Sequence[Shape]:
-        """Return the shapes that the world is drawn of; none where the object alone is drawn."""
-        return ()
-
-    def not_drawn(self) -> Sequence[str]:
-        """Return what the world has that its shapes do not say, in words, for those who look at it; none where they say all."""
-        return ()
-
-    def sensor_names(self) -> Sequence[str]:
-        """Return a name for each number of `sensors`; none where a world has no sensors of its own."""
-        return ()
-
-    def sensors(self) -> Row:
-        """Return the values of the world's own sensors after the last step."""
-        return ()
-
-    def poses_of_bodies(self) -> Array:
-        """Return place [m] in the object's frame and quaternion of each body that moves and has shapes, shape (bodies, 7)."""
-        return np.zeros((0, 7))
 
     @property
     def left_workspace(self) -> bool:

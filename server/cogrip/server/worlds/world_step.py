@@ -7,7 +7,7 @@ calls without an object for each number.
 from collections.abc import Sequence
 from typing import Any
 
-from cogrip.protocol.effects import Effect
+from cogrip.protocol.settings.effects import Effect
 
 Row = tuple[float, ...]
 

@@ -18,7 +18,7 @@ from cogrip.machine.platform import system, time
 from cogrip.machine.realtime import Measure, engage, release
 from cogrip.machine.receive_buffer import OVERRUN, enlarge, overrun
 from cogrip.machine.stop import Stop
-from cogrip.protocol.channel import place_text
+from cogrip.protocol.secure.channel import place_text
 from cogrip.sim.relay import Flow, Lane, Relay
 
 MOST_BYTES = 65_535  # longest datagram

@@ -15,7 +15,7 @@ from hashlib import sha256
 
 from cogrip.client.io.paths import JoinError
 from cogrip.machine.stop import Stop
-from cogrip.protocol.join_link import is_token
+from cogrip.protocol.wire.join_link import is_token
 from cogrip.view import access, page
 from cogrip.view.access import FRONT_ENDS, Access
 from cogrip.view.io.feed import LiveFeed

@@ -3,7 +3,7 @@
 from collections.abc import Sequence
 from typing import Any
 
-from cogrip.protocol.settings import SeatSettings
+from cogrip.protocol.settings.seat import SeatSettings
 from cogrip.protocol.version import VERSION
 from cogrip.view.lab_streams import channels, rate_hz
 

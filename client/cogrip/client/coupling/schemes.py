@@ -1,0 +1,40 @@
+"""Coupling schemes at the client, by the name in `coupling.kind`.
+
+A new one also needs a row with its properties and one at the server: docs/design.md, "Add a coupling scheme".
+"""
+
+from collections.abc import Callable
+
+from cogrip.client.coupling.interface import Coupling
+from cogrip.client.coupling.local_contact import LocalCoupling
+from cogrip.client.coupling.local_poses import PoseContact
+from cogrip.client.coupling.local_scene import SceneContact
+from cogrip.client.coupling.local_surface import Face, Wall
+from cogrip.client.coupling.passivity_control import PassivityControl
+from cogrip.client.coupling.virtual_coupling import VirtualCoupling
+from cogrip.client.coupling.wave_coupling import WaveCoupling
+from cogrip.protocol.axes import POSE_AXES
+from cogrip.protocol.settings.coupling_kinds import Kind
+from cogrip.protocol.settings.seat import SeatSettings
+
+MakeCoupling = Callable[[SeatSettings], Coupling]
+
+
+def make_local(seat: SeatSettings) -> Coupling:
+    """Return the coupling with local contact of a seat's kind of object."""
+    scene = PoseContact if seat.object.axes == POSE_AXES else SceneContact
+    contacts = {"wall": Wall, "faces": Face, "scene": scene}
+    return LocalCoupling(seat, contacts[seat.object.kind])
+
+
+SCHEMES: dict[Kind, MakeCoupling] = {
+    "wave": WaveCoupling,
+    "local": make_local,
+    "coupling": VirtualCoupling,
+    "tdpa": PassivityControl,
+}
+
+
+def make_coupling(seat: SeatSettings) -> Coupling:
+    """Return the coupling of a seat."""
+    return SCHEMES[seat.coupling.kind](seat)

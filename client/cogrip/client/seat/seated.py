@@ -1,0 +1,489 @@
+"""The part of a client that exists only with a seat: hand, coupling, safety, device port and energy ledger.
+
+A tick has two halves. `sense` adds the hand's motion since the last tick to coupling and ledgers and, at the end of a frame,
+sends the frame; `act` plays the wave that has come and returns the force to hold until the next tick. In a tick that was
+skipped the device held the last force: its waves are computed as well.
+"""
+
+from collections import deque
+from collections.abc import Callable, Sequence
+from math import dist
+from operator import mul, sub
+
+from msgspec.structs import replace
+
+from cogrip.client.coupling.interface import Coupling
+from cogrip.client.coupling.schemes import make_coupling
+from cogrip.client.effects.force import EffectForce
+from cogrip.client.effects.hand_aids import HandAids, part_of
+from cogrip.client.effects.source import EffectSource
+from cogrip.client.hand.axes import AxisUnits, Row
+from cogrip.client.hand.felt_stiffness import REST_S, FeltStiffness
+from cogrip.client.hand.grip_axes import GripAxes
+from cogrip.client.hand.handle import HandleReader, has_handle
+from cogrip.client.hand.peaks import Peaks
+from cogrip.client.hand.pose_axes import PoseAxes
+from cogrip.client.safety.device_port import Cause, DevicePort, cure
+from cogrip.client.safety.energy_ledger import EnergyLedger
+from cogrip.client.safety.limiter import DRIVES, Safety
+from cogrip.client.safety.shaking import Shaking
+from cogrip.client.seat.hand_motion import HandMotion, work_and_velocity
+from cogrip.client.seat.hand_orders import HandOrders
+from cogrip.devices.device import Capability
+from cogrip.devices.sample import Sample
+from cogrip.machine.addition import add_floats
+from cogrip.protocol.axes import GRIP_AXES, PLACES, POSE_AXES
+from cogrip.protocol.settings.seat import SeatSettings
+from cogrip.protocol.wire.messages import FRAMES, Edges, Effects, Frame, View, encode
+from cogrip.protocol.wire.session import ClientSession
+
+LEAVE_FADE_S = 0.5  # time from `stop` in which what the line still holds the object by fades
+MOST_LOOP_S = 0.5
+"""A client that leaves then stays for one measured loop, and this at most, so that the end of the fade arrives."""
+MakePort = Callable[[Capability, float, int], DevicePort]
+
+
+def axis_units(seat: SeatSettings) -> AxisUnits:
+    """Return what makes lengths of the axes of a seat."""
+    axes, length_scale = seat.object.axes, seat.coupling.length_scale
+    if axes == POSE_AXES:
+        return PoseAxes(length_scale)
+    return GripAxes(length_scale) if axes == GRIP_AXES else AxisUnits()
+
+
+class SeatedClient:
+    """One person's seat. capability: of the device, its first axes; `tick` is -1 before the first one.
+
+    Inside, all of a hand that turns or has a gripper is in lengths (`units`): `force_n`, `hand` and what they are given to.
+    `wrench`, `pose` and `twist` are as the device has them.
+    """
+
+    __slots__ = (
+        "_acted", "_frame_begin", "_frame_end", "_frame_start_m", "_origin_m", "_origin_pose", "_rate_hz", "_record",
+        "_stop_mps", "_stopped", "_ticks_per_frame", "_wave_end", "_zero_n", "aids", "capability", "coupling",
+        "deficit_frames", "effects", "felt", "force_n", "frame", "hand", "handle", "ledger", "orders", "peaks", "port",
+        "safety", "session", "session_id", "settings", "shaking", "tick", "units",
+    )  # fmt: skip
+
+    def __init__(self, seat: SeatSettings, session: ClientSession, capability: Capability, make_port: MakePort) -> None:
+        rates, axes = seat.rates, seat.object.axes
+        self.settings, self.session = seat, session
+        self.session_id = session.welcome.session if session.welcome else 0
+        # From the device to the coupling and back
+        self.units = axis_units(seat)
+        self.handle: HandleReader | None = None  # where the device has one
+        self._set_record(capability)
+        self.safety = Safety(self.capability, rates.tick_s, seat.coupling.length_scale)
+        self.hand = HandMotion(self._record, rates, self.safety, self._masses_kg())
+        self.aids = HandAids(seat.workspace_limit, seat.gravity_compensation, self.capability, rates.tick_s)
+        self.orders = HandOrders(seat, self.aids)
+        self.frame = self.orders.frame
+        self.coupling: Coupling = make_coupling(seat)
+        self.effects = EffectSource()  # none until one is told
+        self.port = make_port(self._record, rates.tick_s, rates.ticks_per_frame)
+        # Accounts
+        self.ledger = EnergyLedger(self.coupling)
+        if self.frame.mapped:
+            self.ledger.set_power_ratio(self.frame.power_ratio)
+        self.peaks = Peaks()
+        self.shaking = Shaking(axes, rates.tick_s)
+        self.felt = FeltStiffness(self.capability.resolution_m, rates.frame_s) if seat.holds_still else None
+        self.deficit_frames: deque[float] = deque(maxlen=max(2, round(REST_S / rates.frame_s)))  # of the last live ones
+        # The tick and the frame under way
+        self.force_n: Row = (0.0,) * axes
+        self._zero_n = self.force_n
+        self.tick = self._acted = -1
+        self._rate_hz = float(rates.device_hz)
+        self._ticks_per_frame = rates.ticks_per_frame
+        self._frame_begin = 0  # tick at which the frame under way began, and that at which it ends
+        self._frame_end = rates.ticks_per_frame
+        self._wave_end = 0  # tick at which the wave that is played now ends
+        self._origin_m: Row | None = None
+        self._origin_pose: Row = ()
+        self._frame_start_m: tuple[float, ...] = ()
+        self._stopped: int | None = None  # tick of `stop`
+        self._stop_mps: Sequence[float] = self._zero_n  # velocity of the hand at `stop`
+        self._fit()
+
+    # Where hand and tool are
+
+    @property
+    def pose(self) -> Row:
+        """Position of the hand [m], and rotation vector [rad] or opening [m]."""
+        return self.units.pose(self.hand.position_m)
+
+    @property
+    def twist(self) -> Sequence[float]:
+        """Velocity of the hand [m/s], and angular velocity [rad/s] or rate of opening [m/s]."""
+        return self.units.rates(self.hand.velocity_mps)
+
+    @property
+    def wrench(self) -> Row:
+        """Force [N] and torque [N m], or force of the gripper [N], of this tick, shape (axes,)."""
+        return self.units.wrench(self.force_n)
+
+    def tool_m(self) -> Row:
+        """Return the tool's place, in lengths."""
+        return self.frame.place(self.hand.position_m)
+
+    def tool_pose(self) -> Row:
+        """Return the tool's position [m], and rotation vector [rad] or opening [m]."""
+        frame, units = self.frame, self.units
+        if not frame.mapped:
+            return self.pose
+        return units.tool_pose(self.tool_m(), frame.rotation(self.pose[PLACES:]) if frame.turns else ())
+
+    def place(self) -> Row:
+        """Return the tool's pose, and of one that turns also the angle travelled since the line's beginning."""
+        assert self._origin_m is not None
+        moved = [at - begun for at, begun in zip(self.tool_m(), self._origin_m, strict=True)]
+        return self.tool_pose() + self.units.travelled(moved)
+
+    # Device, session and orders
+
+    def _set_record(self, capability: Capability) -> None:
+        self.capability = capability.first(self.settings.object.axes)
+        self._record = self.units.record(self.capability)
+        if self.handle is None and has_handle(capability):
+            self.handle = HandleReader(self.session.dropped)
+        if self.handle is not None:
+            self.handle.fit(capability)
+
+    def _masses_kg(self) -> Row:
+        """Apparent mass of each axis, in lengths; none where the waves are made of the velocity, as in P: of places alone."""
+        return () if self.settings.coupling.encoder == "velocity" else self.units.masses_kg(self.capability)
+
+    def _fit(self) -> None:
+        """Set resolution, lag and age of samples of the device record in coupling and ledger."""
+        if self.felt is not None:
+            self.felt.resolution_m = self.capability.resolution_m
+        self.ledger.set_latency(self.capability.latency_ticks)
+        self._fit_coupling()
+
+    def _fit_coupling(self) -> None:
+        self.coupling.set_latency(self.capability.latency_ticks)
+        self.coupling.fit(self.frame.record(self._record, self.settings.rates.tick_s), self.port.lag_s)
+
+    def equip(self, capability: Capability) -> None:
+        """Set the record of the device that is open now."""
+        if self.tick < 0 and self.safety.state == "idle" and self._stopped is None:
+            self.safety.event("open")
+        self._set_record(capability)
+        self.safety.set_record(self.capability)
+        self.port.set_record(self._record)
+        self.hand.fit(self._record, self._masses_kg())
+        self.aids.set_record(self.capability)
+        self.effects.fit(self._record, self.port.tolerated_j)
+        self._fit()
+
+    def renew(self, session_id: int) -> None:
+        """Begin a new wave line for a resumed session. The ticks of the frame under way carry no motion."""
+        self.session_id = session_id
+        self.orders.changes.begin()
+        self.coupling = coupling = make_coupling(self.settings)
+        self.ledger.begin_line(coupling)
+        self.effects.forget()
+        self._fit_coupling()
+        if self.handle is not None:
+            self.handle.edges.begin()
+        if self._origin_m is not None:
+            self._begin_at(self.hand.position_m)
+        if self.tick < 0:
+            return
+        if self._acted == self.tick or self.tick < self._wave_end:  # else `act` begins to play
+            self._start_frame(self.tick)
+        self._frame_end = self._frame_begin + self._ticks_per_frame
+        for _ in range(self.tick - self._frame_begin):
+            coupling.elapse_absent()
+
+    def _begin_at(self, position_m: Row) -> None:
+        """Set the place of the hand at which the line begins."""
+        self._origin_m = self.frame.place(position_m)
+        self._origin_pose = self.tool_pose()
+
+    @property
+    def clutched(self) -> bool:
+        """Return whether the clutch is to be held, whatever its button does."""
+        return self.frame.asked
+
+    def clutch(self, held: bool) -> None:
+        """Hold the clutch, or release it: from the next tick on."""
+        self.orders.clutch(held)
+        self.frame = self.orders.frame
+
+    def _follow(self, sample: Sample, border: bool) -> None:
+        """Apply clutch and orders after a tick's sample. border: whether a frame ends here, or none has begun."""
+        orders, ordered = self.orders, border and self.orders.waiting is not None
+        if ordered:
+            applied = orders.apply(self.hand.position_m, self.pose)
+            self.frame, holds = orders.frame, orders.holds()
+            if applied.tool:
+                self.ledger.set_power_ratio(self.frame.power_ratio)
+                self.settings = replace(self.settings, tool=self.frame.tool)
+                self._fit_coupling()
+                self.effects.begin_anew()  # their springs held energy by the ratio before
+            if applied.aids:
+                self.settings = replace(
+                    self.settings, workspace_limit=self.aids.limit, gravity_compensation=holds.gravity_compensation
+                )
+            if applied.tool or applied.aids:
+                self.safety.ramp_anew()
+        if self.frame.mapped:
+            orders.hold(sample.buttons, self.hand.position_m, self.pose)
+            self.safety.event("clutch" if self.frame.held else "engage")
+        if border:
+            orders.report(ordered)
+
+    def stop(self) -> None:
+        """Release the hand and the object."""
+        if self.safety.event("stop"):
+            self._stopped = self.tick
+
+    def rearm(self) -> None:
+        """Leave a latched fault."""
+        if self.safety.event("rearm"):
+            self.port.rearm()
+
+    def applied(self, force_n: tuple[float, ...]) -> None:
+        """Set the force that the device applies in place of the one that `act` returned."""
+        force_n = self.units.force(force_n)
+        self.safety.applied(force_n)
+        self.force_n = force_n
+
+    def receive(self, message: Frame | View, now_ns: int) -> None:
+        """Push a frame of the session to the coupling; one of another coupling is dropped and counted."""
+        coupling = self.coupling
+        before = coupling.newest
+        if self.handle is not None and not isinstance(message, View):
+            self.handle.edges.acknowledge(message.edges)
+        if not isinstance(message, FRAMES[self.settings.coupling.traits.frame]) or not coupling.receive(message):
+            self.session.drop("unfit")
+        elif coupling.newest > before:
+            self.session.mark_fresh(now_ns)
+
+    def receive_effects(self, told: Effects) -> Effects:
+        """Set an effect that the server sent. Return the acknowledgement, with the numbers of all effects that are known."""
+        if not isinstance(self.effects, EffectForce):
+            b = getattr(self.settings.coupling, self.settings.coupling.traits.damper.key)
+            self.effects = effects = EffectForce(len(self.force_n), self.settings.rates.tick_s, b)
+            effects.fit(self._record, self.port.tolerated_j)
+        effects = self.effects
+        if reason := effects.tell(told, self.tick):
+            self.session.drop(reason)
+        return replace(told, numbers=effects.known(told.numbers), effect=None)
+
+    def sense(self, tick: int, sample: Sample | None, now_ns: int) -> None:
+        """Process the ticks since the last call, with the sample read now; queue the frame that ended in them."""
+        elapsed, session = tick - self.tick, self.session
+        if self.tick < 0:
+            elapsed = 0
+            if self.safety.state == "idle":
+                self.safety.event("open")  # ticks are of a device that is open
+            # silence counts from the first tick: opening the device took its time
+            session.last_received_ns = session.fresh_ns = now_ns
+        self.tick = tick
+        hand, handle = self.hand, self.handle
+        if handle is not None and sample is not None:
+            handle.read(sample, tick)
+        if sample is not None:
+            sample = self.units.lengths(sample)
+        position = hand.update(tick, elapsed, sample, self.force_n)
+        ended = False
+        if self._origin_m is None:
+            self.ledger.elapse(elapsed, self.force_n)
+            if position is None:
+                session.heartbeat(now_ns)  # no hand yet, so no waves: the seat is kept all the same
+            else:
+                self._begin_at(position)
+                if self.safety.state == "calibrating":
+                    self.safety.event("calibrated")
+                self._frame_start_m = position
+                self._frame_begin = tick - tick % self._ticks_per_frame
+                self._frame_end = self._frame_begin + self._ticks_per_frame
+        elif (ended := self._account(elapsed, position)) and session.state == "seated":
+            session.outbox.append(self.coupling.message(
+                self.session_id, session.clock, now_ns, self._origin_pose, self.place(),
+                self.frame.shown(hand.velocity_mps),
+                None if handle is None else handle.message(tick),
+            ))  # fmt: skip
+        elif handle is not None and session.state == "seated" and (told := handle.message_at_once(tick)) is not None:
+            session.outbox.append(encode(Edges(self.session_id, session.clock.stamp(now_ns), told)))
+        if sample is not None and (self.frame.mapped or self.orders.waiting is not None):
+            self._follow(sample, ended or self._origin_m is None)
+
+    def _account(self, elapsed: int, position_m: tuple[float, ...] | None) -> bool:
+        """Add `elapsed` ticks, to the hand's place `latency_ticks` ago, to coupling and ledgers. True if a frame ended."""
+        coupling, ledger, hand = self.coupling, self.ledger, self.hand
+        force = ledger.acting(elapsed, self.force_n) if hand.latency_ticks and elapsed else self.force_n
+        frame, ratio, aids = self.frame, ledger.power_ratio, self.aids
+        coupling.applied_n = frame.tool_force(self._coupling_part(elapsed, force, position_m))
+        if position_m is None or not elapsed:
+            mean: Sequence[float] = (0.0,) * len(force)
+        else:
+            work, mean = work_and_velocity(force, hand.start_m, position_m, self._rate_hz / elapsed)
+            ledger.work.add(work)
+        first = self.tick - elapsed + 1
+        mean, velocity = frame.shown(mean), frame.shown(hand.start_mps)
+        ended, absent, held, hold = False, self.safety.state == "fault", frame.held, 1.0
+        if self._stopped is None:
+            self._stop_mps = mean
+        else:  # the fading force lets the hand move off: the line gets the velocity at `stop`, scaled by `hold`
+            hold = max(0.0, 1.0 - (self.tick - self._stopped) / (LEAVE_FADE_S * self._rate_hz))
+            velocity = mean = self._stop_mps
+        port = self.port
+        for tick in range(first, self.tick + 1):
+            if tick > self._wave_end:  # the wave ended within the ticks that were skipped
+                self._start_frame(tick - 1)
+            if absent:
+                coupling.elapse_absent()
+            elif held:
+                coupling.elapse_held()
+            else:
+                coupling.elapse(mean, velocity, hold)
+            if tick >= self._frame_end:
+                ended = True
+                port.set_energies(ledger.work.value + aids.potential_j, ledger.given_j, ratio * coupling.pending_j())
+                length = coupling.end_frame(port.spare_j / ratio)
+                port.set_energies(ledger.work.value + aids.potential_j, ledger.given_j)  # less what was sent
+                if position_m is not None:
+                    self._end_frame(position_m, tick - self._frame_begin)
+                self._frame_begin, self._frame_end = tick, tick + length
+        given_j, pending_j = ratio * coupling.given_j(), ratio * coupling.pending_j()
+        port.set_energies(ledger.work.value + aids.potential_j, ledger.closed_given_j + given_j, pending_j)
+        ledger.compare()
+        return ended
+
+    def _coupling_part(self, elapsed: int, force: Sequence[float], position_m: Row | None) -> Sequence[float]:
+        """Return the coupling's part of the force in `elapsed` ticks, and add the work of the effects' part to the ledger."""
+        aids, effects = self.aids, self.effects
+        held_n: Sequence[float] = self.force_n
+        if aids.active:
+            held_n = tuple(map(sub, held_n, aids.extra_n))
+            force = tuple(map(sub, force, aids.acting(elapsed)))
+        if elapsed:
+            force = effects.enter(elapsed, held_n, force, self.hand.start_m, position_m)
+            if effects.work_j != self.ledger.effects_j:
+                self.ledger.set_effects(effects.work_j)
+        return force
+
+    def _start_frame(self, tick: int) -> None:
+        """Play the next wave from this tick on."""
+        ticks = self.coupling.start_frame()
+        late = (tick - self._wave_end) % self._ticks_per_frame if ticks == self._ticks_per_frame else 0
+        self._wave_end = tick + ticks - late
+
+    def _end_frame(self, position_m: tuple[float, ...], ticks: int) -> None:
+        start_m, self._frame_start_m = self._frame_start_m, position_m
+        self.peaks.travel_m += dist(position_m[:PLACES], start_m[:PLACES])
+        stored_j, effects = self.ledger.power_ratio * self.coupling.stored_j, self.effects
+        if self.aids.active:
+            stored_j += self.aids.stored_j(position_m)
+        self.port.end_frame(start_m, position_m, ticks / self._rate_hz, stored_j + effects.stored_j)
+        if self.safety.state != "live":  # the force is released
+            return
+        self.deficit_frames.append(max(0.0, self.coupling.deficit_frames))
+        if self.felt is not None:
+            side = self.settings.side_sign
+            force_n = self.frame.tool_force(effects.rest_of(self.force_n))
+            position_m = self.frame.place(position_m)
+            depth, direction = self.coupling.pressed or (side * position_m[0], (side,))
+            self.felt.add(depth, add_floats(map(mul, direction, force_n)))
+
+    def act(self, now_ns: int) -> tuple[float, ...]:
+        """Return force [N], torque [N m] or the gripper's force [N], shape (axes,), to hold for a tick: F of P eq. 9."""
+        coupling, safety, session = self.coupling, self.safety, self.session
+        if self.tick >= self._wave_end:
+            self._start_frame(self.tick)
+            if coupling.implausible:
+                safety.note("wave beyond what the device can bring about")
+            if coupling.played:  # datagrams come in bursts: a buffered frame played on schedule shows a live link, too
+                session.mark_fresh(now_ns)
+        self._acted = self.tick
+        if safety.state == "armed":
+            safety.event("go")
+        if session.state == "resuming" or session.stale(now_ns):
+            safety.event("stale", "nothing new from the server")
+        elif safety.state == "degraded" and not self.port.releasing:
+            safety.event("fresh")
+        force = self._render()
+        self.peaks.enter(force, self.force_n, self.units)
+        if safety.state == "live" and safety.gain == 1.0:
+            self.shaking.enter(self.effects.rest_of(force))
+        else:
+            self.shaking.pause()
+        self.force_n = force
+        return self.units.wrench(force)
+
+    def _render(self) -> tuple[float, ...]:
+        """Return the force of this tick [N], shape (axes,): of all sources, limited by energy (`port`), then by `safety`.
+
+        law_n is of coupling, effects and injected damping, wanted_n also of workspace limit and gravity compensation.
+        """
+        coupling, safety, port, hand, frame = self.coupling, self.safety, self.port, self.hand, self.frame
+        effects, aids, at_m, velocity = self.effects, self.aids, hand.position_m, hand.velocity_mps
+        port.elapse()
+        coupling.carried_nspm = port.carried_nspm / frame.stiffest
+        coupling.cut_n = law_n = wanted_n = limited_n = None
+        if safety.state == "fault":
+            effects.begin_anew()
+        else:
+            law_n = frame.hand_force(coupling.force(frame.place(at_m), frame.rates(velocity)))
+            law_n = effects.added(self.tick, law_n, at_m, velocity, safety, port, frame)
+            law_n = port.damped(law_n, velocity)
+            wanted_n = aids.added(law_n, at_m, velocity)
+            limited_n = port.limit(wanted_n)
+        force = safety.limit(limited_n, coupling.gap())
+        coupling.ramp_gain, port.ramped = safety.gain, safety.gain != 1.0
+        aids.share(wanted_n, force)
+        if law_n is not None and wanted_n is not None and safety.state == "live":
+            self._watch(law_n, wanted_n, force)
+        return force
+
+    def _watch(self, law_n: Sequence[float], wanted_n: Sequence[float], force: tuple[float, ...]) -> None:
+        """Tell the coupling what limits took of its part of the force, and let the port look whether the force oscillates."""
+        coupling, safety, port, effects = self.coupling, self.safety, self.port, self.effects
+        local_n: Sequence[float] = self.frame.hand_force(coupling.local_n)
+        watched_n: Sequence[float] = force
+        reduced = coupling.reduced
+        if effects.asked_n is not None:
+            local_n, watched_n = effects.watched(local_n, force, safety.gain)
+            reduced = reduced or effects.reduced
+        if port.ramped:
+            local_n = [safety.gain * local for local in local_n]
+        elif (clamped_n := safety.clamped_n) is not wanted_n:
+            # the line must not be given energy for force that limits removed
+            cut_n = [law - left for law, left in zip(wanted_n, clamped_n, strict=True)]
+            if self.aids.active or effects.asked_n is not None:
+                fraction = 1.0 - part_of(clamped_n, wanted_n)
+                of_effects = effects.asked_n or self._zero_n
+                cut_n = [fraction * (law - other) for law, other in zip(law_n, of_effects, strict=True)]
+            coupling.cut_n = self.frame.tool_force(cut_n)
+        if cause := port.watch(watched_n, safety.at_peak(), local_n, safety.limited, reduced, coupling.absorbs):
+            self._degrade(cause)
+
+    def _degrade(self, cause: Cause) -> None:
+        """Ramp the force out (`degraded`); a fault where that has not helped MOST_RELEASES times."""
+        safety, reason = self.safety, cure(cause, self.settings, self.capability)
+        safety.note(f"released: {cause}")
+        if cause == "limit":
+            safety.saturated = safety.saturated or reason
+        if self.port.persists:
+            if cause != "limit":
+                safety.unstable = safety.unstable or reason
+            safety.fail(f"{reason}, then re-arm; {DRIVES}")
+        else:
+            safety.event("stale", reason)
+
+    @property
+    def may_leave(self) -> bool:
+        """True once no force is left on the hand, and the server knows: leaving is then no force step for the others."""
+        if not self.safety.quiet or self._stopped is None or self.session.state != "seated":
+            return self.safety.quiet
+        loop_s = ((self.coupling.loop_frames() or 0.0) + self.late_frames) * self._ticks_per_frame / self._rate_hz
+        return self.tick - self._stopped >= (LEAVE_FADE_S + min(loop_s, MOST_LOOP_S)) * self._rate_hz
+
+    @property
+    def late_frames(self) -> float:
+        """Delay of the uplink by the age of samples [frames], which makes the line softer; exact with the boxcar decimator."""
+        displacement = self.settings.coupling.encoder == "displacement"
+        return self.hand.latency_ticks / self._ticks_per_frame if displacement else 0.0

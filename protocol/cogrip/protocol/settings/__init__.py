@@ -1,0 +1,1 @@
+"""Settings: sections of a file, what each seat gets of them, and what does not fit together."""

@@ -1,0 +1,182 @@
+"""Haptic effects and fixtures that a client renders itself (docs/effects.md, theory 7.8): their parameters, bounds and shapes.
+
+A world tells them, or `[[effects]]` of the settings. Places are in the object's frame where it starts; on the wire in the
+hand's own.
+"""
+
+from collections.abc import Mapping, Sequence
+from itertools import pairwise
+from math import dist, hypot, isfinite
+from typing import Annotated, Literal
+
+import msgspec
+from msgspec.structs import replace
+
+from cogrip.protocol.axes import PLACES
+from cogrip.protocol.drawing import Shape
+from cogrip.protocol.settings.types import Name
+
+EffectKind = Literal["viscous", "vibration", "texture", "magnet", "path", "zone"]
+MOST_EFFECTS = 16  # most effects of one seat at once
+MOST_POINTS = 8  # most points of a path
+MOST_EFFECT_HZ = 256.0
+TANK_MJ = 10.0
+Coordinate = Annotated[float, msgspec.Meta(ge=-1e3, le=1e3)]
+Triple = tuple[Coordinate, Coordinate, Coordinate]
+HalfEdge = Annotated[float, msgspec.Meta(ge=0.0, le=1e3)]
+EffectTank = Annotated[float, msgspec.Meta(ge=0.0, le=1e3)]  # energy that the tank holds at most [mJ]
+NOWHERE: Triple = (0.0, 0.0, 0.0)
+NEEDS: Mapping[EffectKind, tuple[str, ...]] = {
+    "viscous": ("damping_nspm",), "vibration": ("amplitude_n", "frequency_hz"), "texture": ("amplitude_n", "period_m"),
+    "magnet": ("stiffness_npm", "radius_m"), "path": ("stiffness_npm",), "zone": ("stiffness_npm",),
+}  # fmt: skip
+"""Parameters that must be above 0, by the kind of the effect."""
+LEAST: Mapping[str, float] = {"period_m": 1e-4, "radius_m": 1e-4, "frequency_hz": 1e-3}
+"""Least value of a parameter that is not 0."""
+LEAST_STEP_M = 1e-4  # least distance from a point of a path to the next
+LEAST_EVERY_S = 0.1
+"""Least period of an effect that is switched and pushes as long as it is there: switched faster it is felt as a vibration,
+and taken for an oscillation."""
+LEAST_DIRECTION = 1e-6  # least length of a vector that still has a direction
+_COLOURS: Mapping[EffectKind, tuple[float, float, float, float]] = {
+    "viscous": (0.34, 0.71, 0.91, 0.2), "vibration": (0.9, 0.62, 0.0, 0.2), "texture": (0.8, 0.47, 0.65, 0.2),
+    "magnet": (0.0, 0.45, 0.7, 0.25), "path": (0.0, 0.62, 0.45, 0.8), "zone": (0.84, 0.37, 0.0, 0.3),
+}  # fmt: skip
+_PATH_RADIUS_M = 0.001
+_NO_END_M = 0.1  # half of the length that is drawn along an axis where a box has no end
+
+
+class Effect(msgspec.Struct, frozen=True, forbid_unknown_fields=True, omit_defaults=True):
+    """One effect. A new one with the same values begins anew: it is known by itself, not by them.
+
+    place_m    middle of its box, of a magnet its point, of a zone with a direction a point of its plane
+    size_m     half edges of the box that it fills; 0 along an axis: no end
+    direction  of a vibration, texture; of a zone: normal of its plane, towards where the hand may be
+    points_m   of a path, in order
+    force_n    most that a path or magnet pulls with; 0: no bound of its own
+    seconds    after which it ends; 0: until it is removed
+    """
+
+    kind: EffectKind
+    place_m: Triple = NOWHERE
+    size_m: tuple[HalfEdge, HalfEdge, HalfEdge] = NOWHERE
+    direction: Triple = NOWHERE
+    points_m: Annotated[tuple[Triple, ...], msgspec.Meta(max_length=MOST_POINTS)] = ()
+    stiffness_npm: Annotated[float, msgspec.Meta(ge=0.0, le=1e5)] = 0.0
+    damping_nspm: Annotated[float, msgspec.Meta(ge=0.0, le=1e3)] = 0.0
+    amplitude_n: Annotated[float, msgspec.Meta(ge=0.0, le=40.0)] = 0.0
+    frequency_hz: Annotated[float, msgspec.Meta(ge=0.0, le=MOST_EFFECT_HZ)] = 0.0
+    period_m: Annotated[float, msgspec.Meta(ge=0.0, le=1.0)] = 0.0
+    radius_m: Annotated[float, msgspec.Meta(ge=0.0, le=1.0)] = 0.0
+    force_n: Annotated[float, msgspec.Meta(ge=0.0, le=40.0)] = 0.0
+    seconds: Annotated[float, msgspec.Meta(ge=0.0, le=1e6)] = 0.0
+
+
+class EffectSection(Effect, frozen=True, forbid_unknown_fields=True):
+    """[[effects]]: one that a room has from `start_s` on, again each `every_s`. users: whom it is for; () everybody."""
+
+    users: tuple[Name, ...] = ()
+    start_s: Annotated[float, msgspec.Meta(ge=0.0, le=1e6)] = 0.0
+    every_s: Annotated[float, msgspec.Meta(ge=0.0, le=1e6)] = 0.0
+
+    def begun(self) -> Effect:
+        """Return a new effect of this section."""
+        return Effect(**{name: getattr(self, name) for name in Effect.__struct_fields__})
+
+
+def unfit_effect(effect: Effect, axes: int) -> str:
+    """Return why an effect does not fit a hand of so many axes, with the cure; "" where it does."""
+    for name in NEEDS[effect.kind]:
+        if getattr(effect, name) == 0.0:
+            return f'kind = "{effect.kind}" needs {name} above 0'
+    places, kind = min(axes, PLACES), effect.kind
+    if kind == "path":
+        points = [point[:places] for point in effect.points_m]
+        if len(points) < 2 or any(dist(before, after) < LEAST_STEP_M for before, after in pairwise(points)):
+            apart = f"each at least {LEAST_STEP_M:g} m from the one before in the first {places} axes"
+            return f'kind = "path" needs points_m: 2 to {MOST_POINTS}, {apart}'
+        if places == 1:
+            return 'kind = "path" has nothing beside it in one axis; set object.axes to 2 or 3'
+    directed = hypot(*effect.direction[:places]) >= LEAST_DIRECTION
+    if kind in ("vibration", "texture") and not directed:
+        return f'kind = "{kind}" needs a direction in the first {places} axes, such as [1, 0, 0]'
+    if kind == "zone" and any(effect.direction) and not directed:
+        return f'kind = "zone" has a direction outside of the first {places} axes; turn it'
+    if kind == "zone" and not any(effect.direction) and not any(effect.size_m[:places]):
+        return f'kind = "zone" fills everything; give size_m in the first {places} axes, or a direction'
+    for name, least in LEAST.items():
+        if 0.0 < (value := getattr(effect, name)) < least:
+            return f"{name} = {value:g} is below {least:g}, which no sampled motion shows; give more"
+    return ""
+
+
+def unfit_section(section: EffectSection, axes: int) -> str:
+    """Return why an effect of the settings does not fit a hand of so many axes, with the cure; "" where it does."""
+    if 0.0 < section.every_s < LEAST_EVERY_S and section.kind not in ("vibration", "texture"):
+        return (
+            f'every_s = {section.every_s:g} of kind = "{section.kind}" is below {LEAST_EVERY_S:g}: switched so fast it is a '
+            'vibration, and its force is released as one that oscillates; give more, or kind = "vibration"'
+        )
+    return unfit_effect(section, axes)
+
+
+def checked_effect(effect: object) -> Effect | str:
+    """Return an effect that a world made, its bounds checked; else why it is refused."""
+    if not isinstance(effect, Effect):
+        return f"{type(effect).__name__} is no Effect"
+    try:
+        msgspec.convert(msgspec.to_builtins(effect), Effect)
+    except (msgspec.ValidationError, TypeError, ValueError) as error:
+        return f"{effect.kind!r}: {error}"
+    numbers = [value for name in Effect.__struct_fields__ if isinstance(value := getattr(effect, name), float)]
+    rows = (effect.place_m, effect.size_m, effect.direction, *effect.points_m)
+    if not all(map(isfinite, numbers)) or not all(isfinite(each) for row in rows for each in row):
+        return f"{effect.kind!r}: a number of it is not finite"
+    return effect
+
+
+def moved(effect: Effect, offset_m: Sequence[float]) -> Effect:
+    """Return the effect that far away: in the hand's own frame of the object's, or back."""
+    if not any(offset_m):
+        return effect
+    away = (*offset_m, *NOWHERE)[:PLACES]
+
+    def at(place: Sequence[float]) -> Triple:
+        x, y, z = [each + by for each, by in zip(place, away, strict=True)]
+        return x, y, z
+
+    return replace(effect, place_m=at(effect.place_m), points_m=tuple(map(at, effect.points_m)))
+
+
+def drawn_effect(effect: Effect) -> list[Shape]:
+    """Return shapes to draw an effect with: its box, ball, plane or path; none for one that is everywhere."""
+    rgba, kind = _COLOURS[effect.kind], effect.kind
+    if kind == "magnet":
+        return [Shape("sphere", (effect.radius_m, 0.0, 0.0), place_m=effect.place_m, rgba=rgba)]
+    if kind == "path":
+        return [_segment(one, other, rgba) for one, other in pairwise(effect.points_m)]
+    if kind == "zone" and any(effect.direction):
+        turned = _turned_from_z(effect.direction)
+        return [Shape("plane", (_NO_END_M, _NO_END_M, 0.0), None, effect.place_m, turned, rgba)]
+    if any(effect.size_m):
+        x, y, z = [each or _NO_END_M for each in effect.size_m]
+        return [Shape("box", (x, y, z), place_m=effect.place_m, rgba=rgba)]
+    return []
+
+
+def _segment(one: Triple, other: Triple, rgba: tuple[float, float, float, float]) -> Shape:
+    middle = tuple([0.5 * (a + b) for a, b in zip(one, other, strict=True)])
+    along = [b - a for a, b in zip(one, other, strict=True)]
+    size = (_PATH_RADIUS_M, 0.5 * dist(one, other), 0.0)
+    return Shape("capsule", size, None, middle, _turned_from_z(along), rgba)
+
+
+def _turned_from_z(towards: Sequence[float]) -> tuple[float, float, float, float]:
+    """Return the shortest turn of the z axis to this direction, as a quaternion w, x, y, z."""
+    length = hypot(*towards)
+    x, y, z = [each / length for each in towards]
+    if z < -0.999999:
+        return 0.0, 1.0, 0.0, 0.0
+    w = 1.0 + z
+    size = hypot(w, x, y)
+    return w / size, -y / size, x / size, 0.0

@@ -1,0 +1,1 @@
+"""The wire: messages and their parts, the session and its clock (SPEC.md)."""

@@ -1,0 +1,234 @@
+"""Administration of a front: orders go to the workers that they concern, and their answers become one."""
+
+import time
+from collections import Counter
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field
+
+from cogrip.machine.addition import add_integers
+from cogrip.server.events import ServerEvent
+from cogrip.server.hosting.cluster.connection import RemoteRoom
+from cogrip.server.hosting.cluster.front import ClusterFront
+from cogrip.server.hosting.link import Answered, Obey, Void
+from cogrip.server.hosting.workers.front import Front
+from cogrip.server.hosting.workers.pool import Worker
+from cogrip.server.io.authenticator import READING, TokenAuthenticator
+from cogrip.server.io.control import (
+    NO_CLUSTER,
+    Answer,
+    Control,
+    Drain,
+    Kick,
+    Mark,
+    Reload,
+    Request,
+    SetHand,
+    Status,
+    Who,
+)
+from cogrip.server.io.metrics_feed import MetricsFeed
+from cogrip.server.io.published_state import PublishedState
+from cogrip.server.io.service_notify import ServiceNotifier
+from cogrip.server.roster import MOST_LISTED
+from cogrip.server.snapshot import Snapshot
+
+EVERY_NS = 500_000_000
+ANSWER_NS = 4_000_000_000  # longest time that workers may take to answer: less than the one who asks waits
+
+
+@dataclass(slots=True)
+class _Waiting:
+    request: Request
+    asked: list[Worker | RemoteRoom]
+    until_ns: int
+    answers: list[Answer] = field(default_factory=list)
+
+
+class Administration:
+    """Orders, tokens and metrics of a front. `begin` before it runs, `end` after; each part may be missing.
+
+    published, more_degraded  as of `Housekeeping`
+    """
+
+    def __init__(
+        self, front: Front | ClusterFront, say: Callable[[ServerEvent], None], software: str, *, control: Control | None,
+        authenticator: TokenAuthenticator | None, metrics: MetricsFeed | None, reload: Callable[[], bool],
+        drain: Callable[[str], tuple[str, bool]] = lambda host: (NO_CLUSTER, False),
+    ) -> None:  # fmt: skip
+        """reload: says whether the tokens are to be read again, by a signal. drain: lets the rooms of a host move."""
+        self.published: PublishedState | None = None
+        self.more_degraded: Callable[[], Mapping[str, str]] = dict
+        self._drain = drain
+        self._front, self._say, self._software = front, say, software
+        self._control, self._authenticator, self._metrics = control, authenticator, metrics
+        self._asks_reload = reload
+        self._notifier = ServiceNotifier()
+        self._waiting: dict[int, _Waiting] = {}
+        self._number = 0
+        self._next_ns = self._watchdog_ns = 0
+        self._start_ns = time.monotonic_ns()
+        front.answered = self._take_answer
+        if authenticator is not None:
+            front.revoke = authenticator.revoke
+
+    def begin(self) -> None:
+        """Notify that all is ready, and work between the front's datagrams."""
+        if self.published is not None:
+            self.published.begin()
+        self._end_void()
+        self._front.chores.append(self.chore)
+        self._notifier.ready(f"rooms: {len(self._front.rooms)}")
+
+    def chore(self, now_ns: int) -> None:
+        """Do what is due."""
+        if self._authenticator is not None:
+            self._authenticator.read_on()
+        if self._asks_reload():
+            self._notifier.reloading(now_ns)
+            self._reload()
+            self._notifier.ready()
+        if self._control is not None:
+            for request in self._control.poll(now_ns):
+                self._obey(request, now_ns)
+        for number, each in list(self._waiting.items()):
+            each.asked = [worker for worker in each.asked if worker.state == "ready"]
+            if not each.asked or now_ns >= each.until_ns:
+                del self._waiting[number]
+                self._answer(each)
+        if now_ns >= self._next_ns:
+            self._next_ns = now_ns + EVERY_NS
+            self._end_void()
+            if self.published is not None:
+                self.published.chore(now_ns)
+            if self._metrics is not None:
+                self._metrics.put(self._snapshot(now_ns))
+        every_ns = self._notifier.watchdog_every_ns
+        if every_ns is not None and now_ns >= self._watchdog_ns:
+            self._watchdog_ns = now_ns + every_ns
+            self._notifier.watchdog()
+
+    def end(self) -> None:
+        """End with the front."""
+        self._notifier.stopping()
+        for part in (self._control, self.published, self._authenticator, self._metrics):
+            if part is not None:
+                part.close()
+        self._notifier.close()
+
+    def _end_void(self) -> None:
+        """Tell the workers of tokens that became void."""
+        if self._authenticator is None:
+            return
+        expired, revoked = self._authenticator.expired(), self._authenticator.revoked()
+        if expired or revoked:
+            self._front.pool.void(revoked, expired)
+            for worker in self._front.pool.workers:
+                if worker.rooms:
+                    worker.link.send(Void(tuple(sorted(revoked)), tuple(sorted(expired))))
+
+    def _reload(self) -> tuple[str, bool]:
+        if self._authenticator is None:
+            text = "nothing to read again: this server takes no tokens"
+            self._say(ServerEvent("reloaded", text))
+            return text, True
+        good = self._authenticator.reload()
+        self._end_void()
+        if good is None:
+            return READING, True
+        return ("tokens were read again" if good else "tokens could not be read; see the log"), good
+
+    def _obey(self, request: Request, now_ns: int) -> None:
+        """Hand an order over to the workers that it concerns."""
+        assert self._control is not None
+        order = request.order
+        if isinstance(order, Reload):
+            text, ok = self._reload()
+            if not (ok and self._authenticator and isinstance(self._front, ClusterFront) and self._front.pool.homes):
+                self._control.answer(request, text, ok=ok)
+                return  # else each room has to read them, and to end who came in by them
+        if isinstance(order, Drain):
+            text, ok = self._drain(order.host)
+            self._control.answer(request, text, ok=ok)
+            return
+        room = "" if isinstance(order, Status | Reload) else order.room
+        if isinstance(order, SetHand) and not room:
+            homes = sorted({each.room for each in self._front.seated.values() if each.user == order.user})
+            if len(homes) > 1:
+                text = f"{order.user!r} is seated in several rooms; name one by --room"
+                self._control.answer(request, text, ok=False)
+                return
+            room = homes[0] if homes else ""
+        ready: list[Worker | RemoteRoom] = [worker for worker in self._front.pool.workers if worker.state == "ready"]
+        home = self._front.pool.home(room) if room else None
+        asked = [home] if home is not None else ready
+        self._number += 1
+        self._waiting[self._number] = _Waiting(request, asked, now_ns + ANSWER_NS)
+        for worker in list(asked):
+            worker.link.send(Obey(self._number, order))
+
+    def _take_answer(self, given: Answered) -> None:
+        each = self._waiting.get(given.number)
+        if each is None:
+            return
+        each.answers.append(given.answer)
+        if len(each.answers) >= len(each.asked):
+            del self._waiting[given.number]
+            self._answer(each)
+
+    def _answer(self, each: _Waiting) -> None:
+        assert self._control is not None
+        answer = merged(each.request.order, each.answers, len(self._front.rooms))
+        self._control.answer(each.request, answer.text, ok=answer.ok, people=answer.people)
+
+    def _snapshot(self, now_ns: int) -> Snapshot:
+        """Return one of all workers: their rooms side by side, their counts summed."""
+        unknown = self._front.pool.unknown
+        known = () if unknown else self._front.pool.workers  # an old snapshot would say that no room ticks
+        parts = [worker.snapshot for worker in known if worker.snapshot is not None]
+        dropped = Counter(self._front.drops())
+        for part in parts:
+            dropped.update(part.dropped)
+        replaced = self._front.pool.replaced
+        failed = Counter({"worker replaced": replaced} if replaced else {})
+        degraded = {
+            "tokens": self._authenticator.not_written if self._authenticator is not None else "",
+            "directory": unknown,
+            "orders": self._control.trouble if self._control is not None else "",
+            **({self.published.name: self.published.trouble} if self.published is not None else {}),
+            **self.more_degraded(),
+        }
+        for part in parts:
+            failed.update(part.failed)
+            degraded |= part.degraded
+        degraded = {name: why for name, why in degraded.items() if why}
+        rooms = sorted((room for part in parts for room in part.rooms), key=lambda room: room.room)
+        uptime_s = (now_ns - self._start_ns) * 1e-9
+        received = self._front.received + add_integers(part.received or 0 for part in parts)
+        sent = self._front.sent + add_integers(part.sent or 0 for part in parts)
+        return Snapshot(self._software, uptime_s, tuple(rooms), dict(dropped), received, sent, dict(failed), degraded)
+
+
+def merged(order: object, answers: Sequence[Answer], rooms: int) -> Answer:
+    """Return one answer of several workers; rooms: of all."""
+    if not answers:
+        return Answer(False, "no worker has answered; try again")
+    if len(answers) == 1:
+        return answers[0]
+    good = [answer for answer in answers if answer.ok]
+    match order:
+        case Who() if good:
+            people = tuple(
+                sorted((who for each in good for who in each.people), key=lambda who: (who.room, who.seat is None))
+            )
+            more = len(people) - MOST_LISTED
+            words = f"{len(people)} in {rooms} rooms" if people else "nobody is here"
+            silent = {answer.text for answer in answers if not answer.ok}
+            words = "; ".join([words, *sorted(silent)])
+            return Answer(True, f"{words}; {more} are not listed" if more > 0 else words, people[:MOST_LISTED])
+        case Reload() if len(good) == len(answers):
+            return Answer(True, f"tokens were read again in {len(good)} rooms")
+        case Mark() if good:
+            return Answer(True, f"marked in {rooms} rooms: {order.text}")
+        case Kick() | SetHand() if good:
+            return Answer(True, "; ".join(dict.fromkeys(answer.text for answer in good)))
+    return Answer(bool(good), "; ".join(dict.fromkeys(answer.text for answer in good or answers)))

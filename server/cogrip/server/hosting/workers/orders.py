@@ -1,0 +1,50 @@
+"""An administrator's orders as a worker gets them, and its measures as the front gets them."""
+
+from collections import deque
+from collections.abc import Sequence
+
+from cogrip.server.hosting.link import Answered, Link, Measured
+from cogrip.server.io.control import Answer, AnyOrder, Request
+from cogrip.server.roster import RosterEntry
+from cogrip.server.snapshot import Snapshot, encode
+
+
+class LinkOrders:
+    """Orders of the front, in place of `Control`."""
+
+    def __init__(self, link: Link) -> None:
+        self._link = link
+        self._waiting: deque[Request] = deque()
+
+    def add(self, number: int, order: AnyOrder) -> None:
+        """Take in an order."""
+        self._waiting.append(Request(order, number))
+
+    def poll(self, now_ns: int | None = None) -> list[Request]:
+        """Return new orders, each to be answered by `answer`."""
+        found = list(self._waiting)
+        self._waiting.clear()
+        return found
+
+    def answer(self, request: Request, text: str, *, ok: bool = True, people: Sequence[RosterEntry] = ()) -> None:
+        """Answer an order."""
+        assert isinstance(request.caller, int)
+        self._link.send(Answered(request.caller, Answer(ok, text, tuple(people))))
+
+    def close(self) -> None:
+        """Do nothing: the link goes on."""
+
+
+class LinkMeasures:
+    """Snapshots for the front, in place of `MetricsFeed`. not_taken: those that found no room."""
+
+    def __init__(self, link: Link) -> None:
+        self._link = link
+        self.not_taken = 0
+
+    def put(self, snapshot: Snapshot) -> None:
+        """Send a snapshot."""
+        self.not_taken += not self._link.send(Measured(encode(snapshot)))
+
+    def close(self) -> None:
+        """Do nothing: the link goes on."""

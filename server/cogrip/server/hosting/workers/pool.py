@@ -1,0 +1,132 @@
+"""Worker processes as the front sees them: one for each group of rooms, and a spare that waits to replace one that dies.
+
+The spare is started once all rooms are served: people who lost their server wait for these, and starting a process takes a
+second of a processor.
+"""
+
+import subprocess
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import Literal
+
+from cogrip.machine.server_platform import message_pair
+from cogrip.server.hosting.link import Assign, Link
+from cogrip.server.snapshot import Snapshot
+
+START_LIMIT_S = 30.0
+END_LIMIT_S = 15.0
+
+Start = Callable[[int, int], subprocess.Popen[bytes]]
+"""Function that starts a process by its number, which is to have the descriptor of its end of the link."""
+
+
+@dataclass(eq=False, slots=True)
+class Worker:
+    """One process. rooms: those that it serves; none of a spare. state: "ready" once it serves them.
+
+    group: number of these rooms, whoever serves them
+    """
+
+    number: int
+    process: subprocess.Popen[bytes]
+    link: Link
+    rooms: tuple[str, ...] = ()
+    group: int = -1
+    state: Literal["spare", "assigned", "ready", "ended"] = "spare"
+    snapshot: Snapshot | None = None
+
+
+class WorkerPool:
+    """Workers of the rooms in `groups`, and one spare, which `add` starts: a start takes longer than anyone should wait.
+
+    workers  those that are alive, the spare among them
+    replaced count of workers that died
+    unknown  why what is known of the rooms is old; "" where it is not
+    """
+
+    def __init__(
+        self, groups: Sequence[Sequence[str]], start: Start, fresh: bool, public: int | None = None,
+        own: Sequence[int] = (),
+    ) -> None:  # fmt: skip
+        """fresh: what `--fresh` says, for the first workers; public: descriptor of the front's socket, to send by.
+
+        own: of sockets that peers are steered to, one for each group
+        """
+        self.unknown = ""  # all is known of workers: their links are local
+        self.workers: list[Worker] = []
+        self.replaced = 0
+        self._start = start
+        self._number = 0
+        self._voided: tuple[set[str], set[str]] = (set(), set())
+        self._groups = [tuple(group) for group in groups]
+        self._fresh = fresh
+        self._public = () if public is None else (public,)
+        self._own = tuple(own)
+
+    def begin(self) -> None:
+        """Start all workers. Raises OSError."""
+        for _ in self._groups:
+            self.add()
+        for number, (worker, rooms) in enumerate(zip(self.workers, self._groups, strict=False)):
+            self.assign(worker, rooms, number, self._fresh)
+
+    def add(self) -> Worker:
+        """Start a spare. Raises OSError."""
+        self._number += 1
+        ours, theirs = message_pair()
+        try:
+            process = self._start(self._number, theirs.fileno())
+        except OSError:
+            ours.close()
+            raise
+        finally:
+            theirs.close()
+        worker = Worker(self._number, process, Link(ours))
+        self.workers.append(worker)
+        return worker
+
+    def assign(self, worker: Worker, rooms: tuple[str, ...], group: int, fresh: bool = False) -> None:
+        """Let a spare serve these rooms."""
+        worker.rooms, worker.group, worker.state = rooms, group, "assigned"
+        revoked, expired = self._voided
+        own = bool(self._own)
+        sockets = (self._own[group],) if own else self._public
+        worker.link.send(Assign(rooms, fresh, tuple(sorted(revoked)), tuple(sorted(expired)), own), sockets)
+
+    def void(self, revoked: set[str], expired: set[str]) -> None:
+        """Note void tokens, of which a worker that is assigned later must know."""
+        self._voided[0].update(revoked)
+        self._voided[1].update(expired)
+
+    def home(self, room: str) -> Worker | None:
+        """Return the worker that serves a room; None while none does."""
+        return next((worker for worker in self.workers if room in worker.rooms and worker.state == "ready"), None)
+
+    def replace(self, dead: Worker) -> tuple[str, ...]:
+        """Let the spare serve the rooms of a worker that has ended, and start another spare. Returns the rooms."""
+        self.workers.remove(dead)
+        dead.state = "ended"
+        dead.link.close()
+        if dead.process.poll() is None:  # it has closed its link: it can serve nobody any more
+            dead.process.kill()
+        dead.process.wait()
+        self.replaced += 1
+        spare = next((worker for worker in self.workers if worker.state == "spare"), None) or self.add()
+        if dead.rooms:
+            self.assign(spare, dead.rooms, dead.group)
+            self.add()
+        return dead.rooms
+
+    def end(self) -> list[int]:
+        """Wait for the end of all; return the exit codes of those that had rooms."""
+        codes = []
+        for worker in self.workers:
+            try:
+                code = worker.process.wait(END_LIMIT_S)
+            except subprocess.TimeoutExpired:
+                worker.process.kill()
+                code = worker.process.wait()
+            if worker.rooms:
+                codes.append(code)
+            worker.link.close()
+        return codes

@@ -1,0 +1,57 @@
+"""State of a room's seats: their accounts, and the world that a checkpoint puts back under their hands."""
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from cogrip.protocol.wire.accounts import LinkCount, SeatAccount
+from cogrip.server.checkpoint import CheckpointError, RoomCheckpoint
+from cogrip.server.ports.port import Row
+from cogrip.server.seats.participants import Seat
+from cogrip.server.worlds.departures import put_back_text
+from cogrip.server.worlds.world import World, WorldError, check_saved
+
+
+def account_of(seat: Seat, world: World) -> SeatAccount:
+    """Return the account of a seat session: the present one, else the last."""
+    port = seat.port
+    if port is None:
+        return seat.last or SeatAccount((0.0,) * world.axes, None, None, LinkCount())
+    return SeatAccount(
+        world.proxy_of(seat.number), port.up_margin_j, seat.line_margin_j, port.count(), port.playout_account(),
+        rendered_npm=world.accounts.stiffness(seat.number) if seat.on_object else None,
+        up_reserve_j=port.up_reserve.reported_j, line_reserve_j=seat.line_reserve.reported_j,
+    )  # fmt: skip
+
+
+def place_again(world: World, seats: Sequence[Seat], checkpoint: RoomCheckpoint) -> None:
+    """Put a world back where it was, at rest. Raises CheckpointError, and nothing has changed."""
+    users = [seat.name for seat in seats]
+    if [seat.user for seat in checkpoint.seats] != users or len(checkpoint.position_m) != world.axes:
+        raise CheckpointError("its seats or axes are not this room's")
+    try:
+        if checkpoint.progress:
+            expected, short = len(world.progress.save()), world.progress.unsaved
+            check_saved(checkpoint.progress, expected - short * (len(checkpoint.progress) == expected - short))
+        world.restore_coordinates(checkpoint.position_m, checkpoint.scene, checkpoint.coordinates)
+    except WorldError as error:
+        raise CheckpointError(str(error)) from None
+    if checkpoint.progress:
+        world.progress.restore(checkpoint.progress)
+
+
+def put_back(world: World, seats: Sequence[Seat], idle_row: Row) -> list[Row]:
+    """Put the object at rest in the middle, where everybody takes hold of it anew; return the answers to this step."""
+    answers: list[Row] = [()] * len(seats)
+    for number, seat in enumerate(seats):
+        if seat.on_object:
+            world.leave(number)
+    world.position = np.zeros(world.axes)
+    world.bring_to_rest()
+    world.events.append(put_back_text(world.object_name))
+    for number, seat in enumerate(seats):
+        port = seat.port
+        if seat.on_object and port is not None and port.hand is not None:
+            world.join(number, np.array(port.hand + idle_row[port.axes : world.axes]))
+            answers[number] = port.neutral
+    return answers
