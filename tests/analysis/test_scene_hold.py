@@ -4,7 +4,7 @@ from pathlib import Path
 
 import pytest
 
-from cogrip.analysis.scene_hold import LIFT_M, MOST_SLIP_M, SECONDS, Held, Hold, hold
+from cogrip.analysis.scene_hold import LIFT_M, MOST_SLIP_M, SECONDS, Hold, HoldResult, hold
 from cogrip.protocol.settings.room import resolve
 from cogrip.protocol.settings.sections import Settings
 
@@ -81,6 +81,6 @@ def test_a_session_that_takes_too_long_is_no_result(tmp_path: Path) -> None:
 
 
 def test_no_delay_is_told_that_was_not_tried() -> None:
-    stays = Held(0.0, 0.03, 0.0, "")
+    stays = HoldResult(0.0, 0.03, 0.0, "")
     assert Hold("box", 3.0, (stays,)).up_to_ms == 0.0
     assert Hold("box", 3.0, (), "too slow").finding().text.endswith("hold something: too slow")

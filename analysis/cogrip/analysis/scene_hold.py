@@ -45,7 +45,7 @@ _START_S, _STROKE_S, _STROKES = (
 SECONDS = _START_S + _STROKES * _STROKE_S + HOLD_S
 
 
-class Held(NamedTuple):
+class HoldResult(NamedTuple):
     """Result of a session. lifted_m: height of the object at its end; slip_m: most slip while it was lifted; why: not held."""
 
     delay_ms: float
@@ -63,7 +63,7 @@ class Hold(NamedTuple):
 
     body: str
     press_n: float
-    tried: tuple[Held, ...]
+    tried: tuple[HoldResult, ...]
     why: str = ""
 
     @property
@@ -113,7 +113,7 @@ def hold(
     found = approaches(scene.model, scene.start, tools, sides, scene.object)
     if found is None:
         return Hold(body, press_n, (), f"{body} has no two sides along x at which both tools touch it and nothing else")
-    tried: list[Held] = []
+    tried: list[HoldResult] = []
     for delay_ms in delays_ms:
         result = _session(settings, scene, found, (weight_n, press_n), delay_ms, body, stopped)
         if result is None:
@@ -160,7 +160,7 @@ def _friction(model: mujoco.MjModel, geom: int) -> float:
 def _session(
     settings: Settings, scene: Scene, found: tuple[Approach, ...], forces_n: tuple[float, float], delay_ms: float,
     body: str, stopped: Callable[[], bool],
-) -> Held | None:  # fmt: skip
+) -> HoldResult | None:  # fmt: skip
     """Return what becomes of the object at a delay, None where the session was stopped. forces_n: its weight, and the press."""
     weight_n, press_n = forces_n
     link = replace(settings.link, delay_ms=delay_ms)
@@ -179,15 +179,15 @@ def _session(
     laboratory = Laboratory(replace(delayed, users=tuple(users)))
     world = laboratory.room.world
     assert isinstance(world, SceneWorld)
-    watch = _Watch(world)
+    watch = _LiftWatch(world)
     laboratory.run(each_frame=lambda _: watch.frame(), stopped=stopped)
     if not laboratory.room.world.failed and watch.frames < laboratory.frames:
         return None
     why = laboratory.incident or watch.why(body)
-    return Held(delay_ms, watch.height_m, watch.slip_m, why)
+    return HoldResult(delay_ms, watch.height_m, watch.slip_m, why)
 
 
-class _Watch:
+class _LiftWatch:
     """Watches a scene's object from when it is lifted on. slip_m: most that a tool has slipped since, as far as it touched."""
 
     def __init__(self, world: SceneWorld) -> None:

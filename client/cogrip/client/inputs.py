@@ -17,83 +17,83 @@ def _kind(name: str) -> str:
     return re.sub(r"(?<!^)(?=[A-Z])", "_", name).lower()
 
 
-class Input(msgspec.Struct, frozen=True, gc=False, tag_field="kind", tag=_kind):
+class TaggedInput(msgspec.Struct, frozen=True, gc=False, tag_field="kind", tag=_kind):
     """Base of all inputs."""
 
 
-class Connect(Input, frozen=True, gc=False):
+class Connect(TaggedInput, frozen=True, gc=False):
     """Ask the server for a seat, or for an observer's place."""
 
 
-class Poll(Input, frozen=True, gc=False):
+class Poll(TaggedInput, frozen=True, gc=False):
     """Run the session's timers. Where no ticks are run, at least every 100 ms."""
 
 
-class Patience(Input, frozen=True, gc=False):
+class Patience(TaggedInput, frozen=True, gc=False):
     """Give a resumption up after so long a silence [ns], where the server does not ask for more."""
 
     give_up_ns: int
 
 
-class Reached(Input, frozen=True, gc=False):
+class Reached(TaggedInput, frozen=True, gc=False):
     """The server has made a handshake while it is silent: it is there, if not its room yet."""
 
 
-class KeepSeat(Input, frozen=True, gc=False):
+class KeepSeat(TaggedInput, frozen=True, gc=False):
     """Send a sign of life before the first tick."""
 
 
-class DeviceOpened(Input, frozen=True, gc=False):
+class DeviceOpened(TaggedInput, frozen=True, gc=False):
     """The device is open, and its record differs from the one before."""
 
     capability: Capability
 
 
-class DeviceFailed(Input, frozen=True, gc=False):
+class DeviceFailed(TaggedInput, frozen=True, gc=False):
     """The device failed: latch a fault."""
 
     reason: str
 
 
-class ForceApplied(Input, frozen=True, gc=False):
+class ForceApplied(TaggedInput, frozen=True, gc=False):
     """The device applies this force [N], shape (axes,), and not the one that `act` returned."""
 
     force_n: tuple[float, ...]
 
 
-class Stop(Input, frozen=True, gc=False):
+class Stop(TaggedInput, frozen=True, gc=False):
     """Release the hand and the object; `ClientCore.may_leave` says when that is done."""
 
 
-class Rearm(Input, frozen=True, gc=False):
+class Rearm(TaggedInput, frozen=True, gc=False):
     """Leave a latched fault. The caller has removed its cause."""
 
 
-class Clutch(Input, frozen=True, gc=False):
+class Clutch(TaggedInput, frozen=True, gc=False):
     """Hold the clutch, or release it, whatever its button does."""
 
     held: bool
 
 
-class SetHand(Input, frozen=True, gc=False):
+class SetHand(TaggedInput, frozen=True, gc=False):
     """Change the hand's settings."""
 
     change: HandChange
 
 
-class Mark(Input, frozen=True, gc=False):
+class Mark(TaggedInput, frozen=True, gc=False):
     """Set a marker, for everybody in the room."""
 
     text: str
 
 
-class CloseLedger(Input, frozen=True, gc=False):
+class CloseLedger(TaggedInput, frozen=True, gc=False):
     """Make up the account of this end. ticks: of its loop, as its driver counted them."""
 
     ticks: TickCount
 
 
-class Leave(Input, frozen=True, gc=False):
+class Leave(TaggedInput, frozen=True, gc=False):
     """Say goodbye with the account, or answer the farewell of a server that stopped first."""
 
     reason: str

@@ -28,7 +28,7 @@ DEVICE_DAMPING_NSPM = 1.0
 
 
 @dataclass(frozen=True, slots=True)
-class Contact:
+class ContactRun:
     """One run: time from the push on [s], hand and proxy [m], force [N]; stiffness [N/m] predicted, and measured at its end."""
 
     name: str
@@ -52,7 +52,7 @@ def wall_settings(td_ms: float, **overrides: Any) -> Settings:
     return resolve(table, overrides)
 
 
-def contacts() -> list[Contact]:
+def contacts() -> list[ContactRun]:
     """Run P's scheme, ours as it is, and ours with the line's compliance compensated, at both delays."""
     found = []
     for td_ms in TD_MS:
@@ -105,7 +105,7 @@ def wall_page() -> FigurePage:
     return FigurePage("fig5", "Fig. 5: a wall touched through the line", caption, figure, FigureTable(columns, rows))
 
 
-def _named(contacts: Sequence[Contact]) -> str:
+def _named(contacts: Sequence[ContactRun]) -> str:
     """Return the name of a scheme's runs, with the impedance at each delay where that differs."""
     names = dict.fromkeys(contact.name for contact in contacts)
     if len(names) == 1:
@@ -114,11 +114,11 @@ def _named(contacts: Sequence[Contact]) -> str:
     return f"{contacts[0].name.partition(',')[0]}, b = {values} N s/m (left and right)"
 
 
-def _of(found: list[Contact], td_ms: float) -> list[Contact]:
+def _of(found: list[ContactRun], td_ms: float) -> list[ContactRun]:
     return [contact for contact in found if contact.td_ms == td_ms]
 
 
-def _run(name: str, td_ms: float, settings: Settings) -> Contact:
+def _run(name: str, td_ms: float, settings: Settings) -> ContactRun:
     laboratory = Laboratory(settings)
     rows: list[tuple[float, float, float, float]] = []
     person, world = laboratory.people[0], laboratory.room.world
@@ -136,7 +136,7 @@ def _run(name: str, td_ms: float, settings: Settings) -> Contact:
 
     laboratory.run(watch)
     predicted = slow_feel(on_wall(linear_session(settings, estimated=False), 0), 0).stiffness_npm
-    return Contact(name, td_ms, settings, np.array(rows), predicted)
+    return ContactRun(name, td_ms, settings, np.array(rows), predicted)
 
 
 def _enough_impedance(td_ms: float) -> float:

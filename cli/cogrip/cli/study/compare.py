@@ -90,7 +90,7 @@ def compare(
     if folder.finished:
         console.print(f"{len(folder.finished)} of {asked.cases} sessions are finished already, in {folder.path}")
     stop = Stop()
-    with on_signals(stop), _Progress(console, asked.cases) as progress, LocalWorkers(workers, stop) as these:
+    with on_signals(stop), _CaseProgress(console, asked.cases) as progress, LocalWorkers(workers, stop) as these:
         run_experiment(asked, folder, these, progress)
     if folder.finished:
         failed = _write(asked, folder, json, console)
@@ -128,7 +128,7 @@ def _names(text: str) -> list[str]:
     return [name.strip() for name in text.split(",") if name.strip()]
 
 
-class _Progress:
+class _CaseProgress:
     """A bar on a terminal, elsewhere a line at times. Gives a function of the number of finished sessions."""
 
     def __init__(self, console: Console, total: int) -> None:

@@ -30,7 +30,7 @@ CLOSE_S = 0.2  # longest wait for the last report to go
 PAUSE_S = 5e-5  # time between two looks, where the wait is shorter than the millisecond hidapi can wait
 
 
-class _Writer:
+class _ReportWriter:
     """Writes the newest of the reports that wait. It closes the device too: nobody else may while a write is under way."""
 
     def __init__(self, device: Any) -> None:
@@ -94,7 +94,7 @@ class HidLine:
         self._counts: Counter[str] = Counter()
         self._replaced = 0
         self._device: Any = None
-        self._writer: _Writer | None = None
+        self._writer: _ReportWriter | None = None
 
     @property
     def counts(self) -> Mapping[str, int]:
@@ -109,7 +109,7 @@ class HidLine:
         path, serial = self._asked
         path = os.path.realpath(path) if path.startswith("/") else path  # udev's links
         device = self._emulated(path) if is_socket(path) else self._real(path, serial)
-        self._device, self._writer = device, _Writer(device)
+        self._device, self._writer = device, _ReportWriter(device)
         try:
             self._discard()
         except DeviceError:
@@ -183,12 +183,12 @@ class HidLine:
         except (OSError, ValueError) as error:
             raise DeviceError(f"{self.name}: unplugged ({error}); plug it in again, then re-arm") from None
 
-    def _open_writer(self) -> _Writer:
+    def _open_writer(self) -> _ReportWriter:
         if self._writer is None:
             raise DeviceError(f"{self.name}: is closed; open it first")
         return self._writer
 
-    def _check(self, writer: _Writer) -> None:
+    def _check(self, writer: _ReportWriter) -> None:
         if writer.failure:
             raise DeviceError(f"{self.name}: {writer.failure}; plug it in again, then re-arm")
 

@@ -8,7 +8,7 @@ from dataclasses import dataclass, field
 from cogrip.machine.addition import add_integers
 from cogrip.server.events import ServerEvent
 from cogrip.server.hosting.link import Answered, Obey
-from cogrip.server.hosting.placement import Home
+from cogrip.server.hosting.placement import HomeProcess
 from cogrip.server.hosting.public_socket import PublicSocket
 from cogrip.server.io.authenticator import READING, TokenAuthenticator
 from cogrip.server.io.control import (
@@ -35,9 +35,9 @@ ANSWER_NS = 4_000_000_000  # longest time that workers may take to answer: less 
 
 
 @dataclass(slots=True)
-class _Waiting:
+class _WaitingOrder:
     request: Request
-    asked: list[Home]
+    asked: list[HomeProcess]
     until_ns: int
     answers: list[OrderReply] = field(default_factory=list)
 
@@ -61,7 +61,7 @@ class Administration:
         self._control, self._authenticator, self._metrics = control, authenticator, metrics
         self._asks_reload = reload
         self._notifier = ServiceNotifier()
-        self._waiting: dict[int, _Waiting] = {}
+        self._waiting: dict[int, _WaitingOrder] = {}
         self._number = 0
         self._next_ns = self._watchdog_ns = 0
         self._start_ns = time.monotonic_ns()
@@ -157,7 +157,7 @@ class Administration:
         home = self._front.homes.home(room) if room else None
         asked = [home] if home is not None else ready
         self._number += 1
-        self._waiting[self._number] = _Waiting(request, asked, now_ns + ANSWER_NS)
+        self._waiting[self._number] = _WaitingOrder(request, asked, now_ns + ANSWER_NS)
         for worker in list(asked):
             worker.link.send(Obey(self._number, order))
 
@@ -170,7 +170,7 @@ class Administration:
             del self._waiting[given.number]
             self._answer(each)
 
-    def _answer(self, each: _Waiting) -> None:
+    def _answer(self, each: _WaitingOrder) -> None:
         assert self._control is not None
         answer = merged(each.request.order, each.answers, len(self._front.rooms))
         self._control.answer(each.request, answer.text, ok=answer.ok, people=answer.people)

@@ -80,7 +80,7 @@ class OrderLink(Protocol):
         """Send an order, without waiting."""
 
 
-class Home(Protocol):
+class HomeProcess(Protocol):
     """A process that serves rooms. state: "ready" once it does; snapshot: the newest, None before the first."""
 
     @property
@@ -114,9 +114,9 @@ class Homes(Protocol):
     def rereads(self) -> bool: ...
 
     @property
-    def workers(self) -> Sequence[Home]: ...
+    def workers(self) -> Sequence[HomeProcess]: ...
 
-    def home(self, room: str) -> Home | None:
+    def home(self, room: str) -> HomeProcess | None:
         """Return the process that serves a room; None while none does."""
 
     def void(self, revoked: set[str], expired: set[str]) -> None:

@@ -93,7 +93,7 @@ class TurningHands:
         return hypot(*between(product(stretch, self._turned[user]), proxy))
 
 
-class Session:
+class AdversarySession:
     """A world, and adversaries at its seats: noise, slow and fast swings, and ends that send back what comes, or its negative.
 
     The same seed gives the same waves, as long as the world answers the same. People take hold turned in any way.
@@ -125,7 +125,7 @@ class Session:
         self.back[user] = 0.0  # nothing has come yet
         self.world.join(user, pose)
 
-    def hold(self) -> "Session":
+    def hold(self) -> "AdversarySession":
         """Let everybody take hold. Returns itself."""
         for user in range(self.shape[0]):
             self.join(user)
@@ -193,7 +193,7 @@ def makes_no_energy(subject: Subject) -> str:
     """In no stretch of any session does the world's energy grow by more than what came in at the ports."""
     worst, moment = 0.0, (0, 0)
     for seed in range(SESSIONS):
-        session = Session(subject, seed).hold()
+        session = AdversarySession(subject, seed).hold()
         world, made, least = session.world, 0.0, 0.0
         energy = world.energy_j + subject.uncounted(world)
         for frame in range(FRAMES):
@@ -276,8 +276,8 @@ def joins_and_leaves(subject: Subject) -> str:
 
 def gives_the_same_again(subject: Subject) -> str:
     """The same inputs give the same bits, also where another world of the kind is stepped in between."""
-    alone = Session(subject, 1).hold().course(120)
-    one, other = Session(subject, 1).hold(), Session(subject, 2).hold()
+    alone = AdversarySession(subject, 1).hold().course(120)
+    one, other = AdversarySession(subject, 1).hold(), AdversarySession(subject, 2).hold()
     for number, expected in enumerate(alone):
         found = one.course(1)[0]
         _expect(found == expected, f"the same bits as alone, with another world beside it: frame {number} differs")
@@ -287,7 +287,7 @@ def gives_the_same_again(subject: Subject) -> str:
 
 def keeps_what_it_answered(subject: Subject) -> str:
     """An answer, and positions that were read, do not change with later steps."""
-    session = Session(subject, 3).hold()
+    session = AdversarySession(subject, 3).hold()
     world = session.world
     for _ in range(20):
         rows: list[Any] = session.sent.tolist()
@@ -303,7 +303,7 @@ def restores_bit_for_bit(subject: Subject) -> str:
     """A new world, and one that has gone elsewhere, go on from a saved state with the same bits. To save changes nothing."""
     saved: Row = ()
     for seed, frames, left in ((0, 0, None), (1, 90, None), (2, 150, 0), (3, 37, None)):
-        session = Session(subject, seed).hold()
+        session = AdversarySession(subject, seed).hold()
         session.course(frames)
         if left is not None:
             session.world.leave(left)
@@ -311,14 +311,14 @@ def restores_bit_for_bit(subject: Subject) -> str:
         _expect(saved == session.world.save(), "save gives the same twice")
         _expect(len(saved) <= MOST_SAVED, f"save gives at most {MOST_SAVED} numbers: {len(saved)}")
         hands = session.hands.of(session.world)
-        expected = Session(subject, seed + 50, session.world, hands).course(150)
-        elsewhere = Session(subject, seed + 100).hold()
+        expected = AdversarySession(subject, seed + 50, session.world, hands).course(150)
+        elsewhere = AdversarySession(subject, seed + 100).hold()
         elsewhere.course(60)
         for name, world in (("a new world", subject.make()), ("a world that was elsewhere", elsewhere.world)):
             world.restore(saved)
             _expect(world.save() == saved, f"{name} that is restored saves the same")
             for number, (found, wanted) in enumerate(
-                zip(Session(subject, seed + 50, world, hands).course(150), expected, strict=True)
+                zip(AdversarySession(subject, seed + 50, world, hands).course(150), expected, strict=True)
             ):
                 _expect(
                     found == wanted,
@@ -329,7 +329,7 @@ def restores_bit_for_bit(subject: Subject) -> str:
 
 def refuses_other_states(subject: Subject) -> str:
     """Numbers that are none, or too few or many: WorldError, and nothing has changed."""
-    session = Session(subject, 4).hold()
+    session = AdversarySession(subject, 4).hold()
     session.course(30)
     world = session.world
     saved = world.save()
@@ -353,7 +353,7 @@ def keeps_time(subject: Subject) -> str:
     """
     if subject.clocks is None:
         return ""
-    session = Session(subject, 5).hold()
+    session = AdversarySession(subject, 5).hold()
     took_us = []
     for _ in range(COST_FRAMES):
         session.step()
@@ -377,8 +377,8 @@ CHECKS: tuple[Callable[[Subject], str], ...] = (
 )  # fmt: skip
 
 
-def _sessions(subject: Subject, count: int) -> Iterator[Session]:
-    return (Session(subject, seed).hold() for seed in range(count))
+def _sessions(subject: Subject, count: int) -> Iterator[AdversarySession]:
+    return (AdversarySession(subject, seed).hold() for seed in range(count))
 
 
 def _proxies(world: World) -> Array:

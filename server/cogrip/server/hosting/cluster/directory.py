@@ -67,7 +67,7 @@ class Home(NamedTuple):
     number: int = 0
 
 
-class Told(NamedTuple):
+class ClusterState(NamedTuple):
     """State of the cluster, for a front. refused: rooms that are here with other settings; next_line: to be asked for."""
 
     refused: tuple[str, ...]

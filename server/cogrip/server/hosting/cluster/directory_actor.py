@@ -6,7 +6,7 @@ from contextlib import suppress
 from typing import Any
 
 from cogrip.server.events import ServerEvent
-from cogrip.server.hosting.cluster.directory import LOST_S, Directory, Host, Report, Told
+from cogrip.server.hosting.cluster.directory import LOST_S, ClusterState, Directory, Host, Report
 from cogrip.server.hosting.cluster.host_actor import AT_ONCE, NAMESPACE, HostActor, actor_of
 from cogrip.server.hosting.cluster.lines import GatheredLines
 
@@ -26,7 +26,7 @@ class DirectoryActor:
         self._started: dict[str, float] = {}
         self._lines = GatheredLines()
 
-    def front(self, place: str, jobs: Mapping[str, bytes], next_line: int | None) -> Told:
+    def front(self, place: str, jobs: Mapping[str, bytes], next_line: int | None) -> ClusterState:
         """Take in a front and the rooms that it wants served. next_line: of the rooms' lines, None for those from now on."""
         refused = self._directory.offer(jobs)
         fronts = self._directory.keep_front(place, time.monotonic())
@@ -36,7 +36,7 @@ class DirectoryActor:
         if next_line is None or next_line > lines.end:  # of a directory before this one
             next_line = lines.end if next_line is None else 0
         first, news = lines.since(next_line)
-        return Told(refused, self._directory.homes(), fronts, counts, news, first + len(news))
+        return ClusterState(refused, self._directory.homes(), fronts, counts, news, first + len(news))
 
     def report(
         self, host: str, told: Sequence[tuple[Any, ...]], first: int, lines: Sequence[ServerEvent]

@@ -9,7 +9,7 @@ from collections.abc import Callable
 
 import msgspec
 
-from cogrip.server.hosting.cluster.directory import Told
+from cogrip.server.hosting.cluster.directory import ClusterState
 from cogrip.server.io.control import AnyOrder
 
 SIZE = struct.Struct("<I")
@@ -39,7 +39,7 @@ class LeaveCluster(msgspec.Struct, frozen=True, array_like=True, tag="leave"):
 class DirectoryState(msgspec.Struct, frozen=True, array_like=True, tag="state"):
     """Newest answer of the directory."""
 
-    told: Told
+    told: ClusterState
 
 
 class Silent(msgspec.Struct, frozen=True, array_like=True, tag="silent"):

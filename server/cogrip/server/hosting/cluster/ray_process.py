@@ -19,7 +19,7 @@ import msgspec
 
 from cogrip.protocol.io.cluster_address import ClusterError, probe
 from cogrip.server.hosting.cluster import pipe
-from cogrip.server.hosting.cluster.directory import Told
+from cogrip.server.hosting.cluster.directory import ClusterState
 from cogrip.server.hosting.cluster.directory_actor import DirectoryActor
 from cogrip.server.hosting.cluster.host_actor import DIRECTORY, NAMESPACE
 from cogrip.server.hosting.cluster.pipe import (
@@ -105,7 +105,7 @@ class RayProcess:
                     if self._closing.is_set():
                         break
                     asked = directory.front.remote(self._front.place, dict(self._jobs), next_line)
-                    told: Told = ray.get(asked, timeout=FRONT_S)
+                    told: ClusterState = ray.get(asked, timeout=FRONT_S)
                 next_line, answered_s = told.next_line, time.monotonic()
                 self._send(DirectoryState(told))
             except (ray.exceptions.RayError, ValueError):  # it is being started again, or was ended
