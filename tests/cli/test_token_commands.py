@@ -298,7 +298,7 @@ def test_revoked_with_no_server_running(token, folder) -> None:
 
 def test_a_running_server_is_told(token, folder, serving) -> None:
     _, one = new(token)
-    assert token.out("revoke", one) == f"{one} is revoked\nthe server has read it: done: Reload\n"
+    assert token.out("revoke", one) == f"{one} is revoked\nthe server has read it: done: ReloadOrder\n"
     assert serving == [ReloadOrder()]
 
 
@@ -330,7 +330,7 @@ def test_a_token_in_an_ids_place_is_not_shown(token, folder) -> None:
 
 
 def test_a_kick_is_handed_on_whole(cogrip, serving) -> None:
-    assert cogrip.out(f"kick anna --room demo --reason lunch --revoke --port {PORT}") == "done: Kick\n"
+    assert cogrip.out(f"kick anna --room demo --reason lunch --revoke --port {PORT}") == "done: KickOrder\n"
     assert serving == [KickOrder("anna", "demo", "lunch", True)]
     cogrip("kick", "an observer", "--port", PORT)
     assert serving[1:] == [KickOrder("an observer")], "of observers only the server knows"
