@@ -334,7 +334,7 @@ def test_a_kick_is_handed_on_whole(cogrip, serving) -> None:
     assert serving == [KickOrder("anna", "demo", "lunch", True)]
     cogrip("kick", "an observer", "--port", PORT)
     assert serving[1:] == [KickOrder("an observer")], "of observers only the server knows"
-    assert cogrip("kick", "nobody", "--port", PORT) == (1, "", "cogrip: kick: done: Kick\n"), "the server refuses"
+    assert cogrip("kick", "nobody", "--port", PORT) == (1, "", "cogrip: kick: done: KickOrder\n"), "the server refuses"
 
 
 def test_a_kick_that_cannot_be(cogrip, serving) -> None:
