@@ -27,7 +27,7 @@ class TickByTick:
 
 @pytest.fixture(autouse=True)
 def virtual(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(tried_response, "Clock", TickByTick)
+    monkeypatch.setattr(tried_response, "TickClock", TickByTick)
 
 
 def client(device: cogrip.Device, said: list[str], **options: bool) -> cogrip.Client:

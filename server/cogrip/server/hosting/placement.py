@@ -22,7 +22,7 @@ if TYPE_CHECKING:  # with OpenSSL, which takes a while
 
 
 class Served(NamedTuple):
-    """What is served, wherever it runs.
+    """Rooms to serve, with all that any placement needs.
 
     host, port    address to listen on
     folder        state of the server; None without
