@@ -70,7 +70,7 @@ def test_a_person_by_c_and_one_by_python_hold_one_cube(
     assert said["frames"] > FEW_FRAMES
     assert min(said["up_margin_j"], said["down_margin_j"], said["line_margin_j"] / 2) >= -1e-3 - ROUNDING_J
     assert whole["passive"], server.said
-    assert passive(whole, 1e-3).tone == "good", passive(whole, 1e-3)
+    assert passive(whole).tone == "good", passive(whole)
     assert not any(whole[key] for key in ("unstable", "saturated", "left"))
     for user in whole["users"]:
         assert user["state"] == "idle"
