@@ -151,7 +151,7 @@ def test_lines_that_take_hold_of_tools_are_passive(network: str, seed: int) -> N
     account_of(laboratory)
     summary = of_laboratory(laboratory)
     assert {each for kinematic, _ in rows for each in kinematic} == {False, True}
-    assert passive(summary, settings.playout.tank_mj * 1e-3).tone == "good"
+    assert passive(summary).tone == "good"
     assert summary["server"]["energy_limiter"]["limited_frames"] == 0
     assert world.balance_error_j <= 1e-14
     assert all(person.core.account and person.core.account.state == "live" for person in laboratory.people)
