@@ -1,0 +1,85 @@
+"""Port of the scheme with partners' models: each intention goes to the object's model of that hand and, unchanged, to the others.
+
+A row for the world has, for all axes: where the intention is now, as far as the horizon; the intention; its rate. Behind these,
+each on all axes: the hand's stiffness, the energy that it has donated, and when its intention was made [s]. What goes back has
+the object's place and velocity, then for each seat intention, rate, stiffness, energy and time, in this hand's frame.
+"""
+
+from cogrip.protocol.laws.partner_model import ahead
+from cogrip.protocol.settings.seat import SeatSettings
+from cogrip.protocol.wire.clock import Clock
+from cogrip.protocol.wire.messages import Intent, Partner, encode
+from cogrip.server.ports.port import Row
+from cogrip.server.ports.seat_limits import SeatLimits
+from cogrip.server.ports.state_port import LatestStatePort
+
+FIELDS = 6  # rows of a seat, for all axes each
+ANSWERED = 5  # rows of each seat in what goes back
+
+
+class PartnerPort(LatestStatePort[Partner]):
+    """See `Port`. No ledger is kept of one direction: each hand's own gate bounds what it gets."""
+
+    def __init__(self, seat: SeatSettings, limits: SeatLimits, power_left: float = 1.0) -> None:
+        super().__init__(seat, limits)
+        self.up_margin_j = None
+        self._seat, self._frame_ns = seat.seat, round(1e9 * seat.rates.frame_s)
+        self._row: Row = (0.0,) * (2 * self.axes)
+
+    def receive(self, message: Partner, now_ns: int) -> bool:
+        fits = message.of_axes(self.axes) and len(message.intents) <= 1
+        return fits and self._accept(message)
+
+    @property
+    def limited(self) -> dict[str, int]:
+        return self._states.counts
+
+    @property
+    def neutral(self) -> Row:
+        """An object that rests where the hand is, and no partners."""
+        return (self.hand or (0.0,) * self.axes) + (0.0,) * self.axes
+
+    def port_in_j(self) -> float | None:
+        return None
+
+    def pop(self, frames: int) -> Row:
+        newest, axes = self._pop(frames), self.axes
+        if newest is None or not newest.intents:
+            place = self.hand or (0.0,) * axes
+            return place + place + (0.0,) * ((FIELDS - 2) * axes)
+        (intent,) = newest.intents
+        now_ns = self.next_step_ns - self._frame_ns
+        age_s = 1e-9 * max(0, now_ns - intent.made_ns) if intent.made_ns else 0.0
+        there = tuple(ahead(intent.intention_m, intent.rate_mps, age_s))
+        told = intent.stiffness_npm, intent.donated_j, 1e-9 * intent.made_ns
+        return there + intent.intention_m + intent.rate_mps + tuple([number for number in told for _ in range(axes)])
+
+    def push(self, row: Row) -> None:
+        self._row = row
+        self._number += 1
+
+    def rounding_j(self) -> float:
+        return 0.0
+
+    def message(self, session: int, clock: Clock, now_ns: int, object_state: Row, port_j: float) -> bytes:
+        row, axes = self._row, self.axes
+        wide, intents = ANSWERED * axes, []
+        for seat, first in enumerate(range(2 * axes, len(row), wide)):
+            numbers = row[first : first + wide]
+            if seat == self._seat or numbers[-1] <= 0.0:
+                continue
+            stiffness, donated, made_s = numbers[2 * axes], numbers[3 * axes], numbers[4 * axes]
+            intents.append(
+                Intent(
+                    seat,
+                    round(1e9 * made_s),
+                    tuple(numbers[:axes]),
+                    tuple(numbers[axes : 2 * axes]),
+                    stiffness,
+                    donated,
+                )
+            )
+        return encode(Partner(
+            session, self._number, row[:axes], row[axes : 2 * axes], tuple(intents), self._receiver.acknowledged,
+            clock.stamp(now_ns), edges=self.handle.taken,
+        ))  # fmt: skip
