@@ -1,7 +1,9 @@
 """Words about scenes of rigid bodies: before a run by `advise`, after it in summary, verdict and report."""
 
+from itertools import product
 from math import pi
 from pathlib import Path
+from typing import Any
 
 import msgspec
 import pytest
@@ -20,6 +22,8 @@ from cogrip.results.summary import of_laboratory
 from cogrip.results.verdict import judgements
 from cogrip.results.verdict_text import notes
 from cogrip.sim.laboratory import Laboratory
+
+from tests.extent import every
 
 LIFT = Path("lift")
 OWN = """<mujoco><worldbody><geom type="plane" size="1 1 .1"/><body name="box" pos="0 0 .03"><freejoint/>
@@ -102,17 +106,17 @@ def test_a_world_of_ones_own_hears_of_its_line_and_what_is_not_known() -> None:
 def test_a_session_of_a_scene_tells_whether_its_task_is_done() -> None:
     near, far = (check(load(LIFT, [f"link.delay_ms={delay_ms}"])) for delay_ms in (20.0, 300.0))
     assert (near.done, near.session.level) == (True, "ok")
-    assert "task reached after 5.66 s" in near.session.text
+    assert "task reached after 5.67 s" in near.session.text
     assert (far.done, far.session.level) == (False, "warning")
     assert "task not reached: box" in far.session.text
 
 
 @pytest.mark.long
 def test_advice_says_what_a_gripper_will_feel_and_the_fingers_feel_it() -> None:
-    """Theory 8.8 by hand: b_g = 10 N s/m, a loop of 9 frames. A held block of 12 mm is in series, 1 % softer."""
+    """Theory 8.8 by hand: b_g = 10 N s/m, a loop of 6.25 frames. A held block of 12 mm is in series, 1 % softer."""
     settings = load(Path("pinch"))
     _, grip = texts(settings, "felt")
-    loop_s = 9.0 / 128.0
+    loop_s = 6.25 / 128.0
     said = float(grip.partition("a spring of ")[2].partition(" N/m")[0])
     assert said == pytest.approx(2.0 * 10.0 / loop_s, rel=1e-3)
     assert f"the free finger feels like {0.025 + 0.5 * 10.0 * loop_s:.3g} kg" in texts(settings, "free motion")[1]
@@ -175,3 +179,49 @@ def test_a_lift_is_judged_without_a_stiffness_and_its_limiter_is_told() -> None:
     )
     (told,) = [text for _, text, about in notes(summary) if about == "energy limiter"]
     assert "took 2 mJ from the returning waves in 4 frames" in told
+
+
+BLOCK = """<mujoco><worldbody>
+  <geom name="floor" type="plane" size="1 1 .1"/>
+  <body name="block" pos="0 0 .015"><freejoint/><geom type="box" size=".006 .006 .015" mass="{mass_kg}"/></body>
+</worldbody></mujoco>"""
+CLOSING = "sim:gripper?squeeze_m=0.002&squeeze_s=2.2&grip_friction_n=0&friction_n=0&hold_s=9&resolution_m=0&grip_resolution_m=0"
+BESIDE = "waypoints&times_s=0.5,1.2,2.0&y_m=0,-0.007,-0.007&x_m=0,0,0.047&z_m=0,0,0"
+
+
+@pytest.mark.parametrize(("mass_kg", "delay_ms"), every(3, product((0.005, 0.05, 0.5), (5.0, 20.0))))
+def test_what_an_added_gripper_holds_is_felt_as_stiff_as_foretold(
+    mass_kg: float, delay_ms: float, tmp_path: Path
+) -> None:
+    """Force over how far the fingers are closed beyond the block's sides, at rest, in a session."""
+    file = tmp_path / "block.xml"
+    file.write_text(BLOCK.format(mass_kg=mass_kg))
+    settings = resolve(
+        {
+            "seconds": 4.4, "object": {"kind": "scene", "file": str(file), "axes": 3}, "link": {"delay_ms": delay_ms},
+            "coupling": {"grip_impedance_nspm": 10.0},
+            "users": [{"name": "anna", "device": CLOSING, "hand": BESIDE, "tool": "pinch"}],
+        }
+    )  # fmt: skip
+    (told,) = [each.text for each in scene_findings(settings) if "between them is felt" in each.text]
+    foretold_npm = float(told.rpartition("felt with ")[2].removesuffix(" N/m"))
+    laboratory = Laboratory(settings)
+    laboratory.run()
+    device: Any = laboratory.people[0].device
+    felt_npm = -device.force_n[3] / (0.012 - device.position_m[3])
+    assert felt_npm > 300.0
+    assert felt_npm == pytest.approx(foretold_npm, rel=0.03)
+
+
+def test_what_a_gripper_of_the_scenes_own_holds_is_not_foretold(tmp_path: Path) -> None:
+    file = tmp_path / "block.xml"
+    file.write_text(BLOCK.format(mass_kg=0.05).replace('mass="0.05"', 'mass="0.05" solref="-1e5 -500"'))
+    settings = resolve(
+        {
+            "object": {"kind": "scene", "file": str(file), "axes": 3},
+            "users": [{"name": "anna", "device": "sim:gripper", "tool": "pinch"}],
+        }
+    )
+    texts = [each.text for each in scene_findings(settings)]
+    assert any("the gripper's line is a spring" in text for text in texts)
+    assert not any("between them is felt" in text for text in texts)

@@ -31,7 +31,9 @@ def test_a_seat_is_taken_with_a_device_that_is_well_alone(device: list[str]) -> 
         Problem, match=r"refused: emulated:vintage\?hand=hold: x: it moves against its force: .*--no-trial"
     ):
         try_before_seat("emulated:vintage?hand=hold", said.append, wanted=True)
-    assert try_before_seat("emulated:vintage?hand=hold", said.append, wanted=False) == said[-1] == SKIPPED
+    assert (
+        try_before_seat("emulated:vintage?hand=hold", said.append, wanted=False) == said[-1] == f"{SKIPPED}: --no-trial"
+    )
 
 
 def test_what_could_not_be_told_is_a_warning(device: list[str]) -> None:

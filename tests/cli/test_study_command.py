@@ -89,7 +89,7 @@ def test_same_command_goes_on_and_takes_only_the_people_of_today(cogrip: Cogrip)
     assert f"over already, in {FOLDER}: 2 trials" in err
     assert "4 trials finished, 2 of them now" in err
     write(STUDY, **{"300.0": "310.0"})
-    cogrip.refuses("holds another study (other study.conditions)", "study", FILE)
+    cogrip.refuses("holds another study (other study.conditions.soft.coupling.stiffness_npm)", "study", FILE)
 
 
 def test_files_that_a_study_names_are_beside_it() -> None:

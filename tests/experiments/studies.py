@@ -8,6 +8,7 @@ from typing import Any
 from cogrip.experiments.study.conductor import Conducted, Conductor, Ended
 from cogrip.experiments.study.journal import StudyFolder
 from cogrip.experiments.study.laboratory_trial import LaboratorySessions
+from cogrip.experiments.study.phases import Phase
 from cogrip.experiments.study.simulated import SimulatedPeople
 from cogrip.experiments.study.study_file import Study, check, read_study
 from cogrip.experiments.study.trial import Event
@@ -51,6 +52,7 @@ start = 4.0
 least = 0.1
 most = 20.0
 trials = 6
+catch_every = 0
 question = "wider"
 """
 
@@ -73,7 +75,7 @@ class NoSessions:
         self.asked: dict[str, Settings] = {}
         self._outcomes = list(outcomes)
 
-    def run(self, settings: Settings, folder: Path, goal: Goal, title: str) -> Ended:
+    def run(self, settings: Settings, folder: Path, goal: Goal, phases: Sequence[Phase]) -> Ended:
         assert folder.name not in self.asked, "a run folder is made once"
         self.asked[folder.name] = settings
         return self._outcomes.pop(0) if self._outcomes else Ended(Event.ENDED, "time")

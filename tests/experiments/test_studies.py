@@ -13,6 +13,7 @@ from cogrip.analysis.feel import held, impedance
 from cogrip.analysis.linear_session import linear_session
 from cogrip.experiments.study.figures import axis_of, by_condition, by_seat, draw, interval
 from cogrip.experiments.study.journal import TrialLine
+from cogrip.experiments.study.plan import CATCH
 from cogrip.experiments.study.spread import varied
 from cogrip.experiments.study.staircase import estimate
 from cogrip.experiments.study.table import Row, StudyTable, read_table, thresholds
@@ -34,9 +35,17 @@ def test_threshold_of_simulated_observers_is_estimated_within_a_fifth_by_what_th
     rule = study.blocks[0].staircase
     assert rule is not None
     lines: list[TrialLine] = [line for line in folder.trials if line.status == "finished"]
-    answers = [(line.level, line.correct) for line in lines if line.level is not None and line.correct is not None]
-    found = estimate(rule, [answers])
+    answers, easy = (
+        [
+            (line.level, line.correct)
+            for line in lines
+            if line.level is not None and line.correct is not None and (line.track == CATCH) is catch
+        ]
+        for catch in (False, True)
+    )
+    found = estimate(rule, [answers], easy)
     assert found.trials == 400
+    assert len(easy) == 4 * 33
     assert found.threshold == pytest.approx(study.simulated.threshold, rel=0.2)  # 12 % are the spread of 400 answers
     each = thresholds(study, lines)
     assert len(each) == 4

@@ -147,3 +147,47 @@ def test_live_trial_survives_a_kill_and_ends_by_key(
     assert row["run"] == "01-001-walls-2"
     assert float(row["mean_force_n"]) >= 0.0
     assert (row["ended"], row["mode"]) == ("operator", "live")
+
+
+PHASES = STUDY.replace('end = "operator"', "").replace(
+    'name = "walls"\nask',
+    """name = "walls"
+phases = [{name = "prepare", seconds = 0.4, cue = "Get ready"}, {name = "push", cue = "Push now"}]
+ask""",
+)
+
+
+def test_phases_are_cued_at_terminal_and_page_and_marked(
+    start: Callable[..., Spoken], stack: ExitStack, tmp_path: Path
+) -> None:
+    file, folder = tmp_path / "study.toml", tmp_path / "study"
+    file.write_text(PHASES)
+    study = start("study", file, "--live", "--view", "--port", free_port(), "--out", folder, stdin=subprocess.PIPE)
+    page = page_of(study.hear(r"page of P01: (\S+)")[1], stack)
+    study.tell("")  # the instructions
+    study.hear("P01: Enter when you are ready")
+    study.tell("")
+    study.hear("everybody holds on")
+    study.hear("prepare: Get ready")
+    study.hear("push: Push now")
+    study.hear("How sure")
+    study.tell("4")
+    assert study.end() == 0, study.said
+    shown = [json.loads(said) for said in iter(page) if isinstance(said, str)]
+    cues = [message["cue"] for message in shown if message["type"] == "panel"]
+    assert [cue for cue, before in zip(cues, ["", *cues], strict=False) if cue != before] == [
+        "Get ready",
+        "Push now",
+        "",
+    ]
+    (line,) = [line for line in read_trials(folder) if line.status == "finished"]
+    (run,) = line.runs
+    wanted = [f"begin {run}", f"phase {run} prepare", f"phase {run} push", f"end {run} time"]
+    assert [text for _, text in open_run(folder / "runs" / run).markers()] == wanted
+
+    table = start("table", folder, "--to", "csv", stdin=subprocess.DEVNULL)
+    assert table.end() == 0, table.said
+    with (folder / "table-phases.csv").open(newline="") as lines:
+        rows = list(csv.DictReader(lines))
+    assert [row["phase"] for row in rows] == ["prepare", "push"]
+    assert rows[0]["phase_end_s"] == rows[1]["phase_begin_s"]

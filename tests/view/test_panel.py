@@ -82,7 +82,7 @@ def test_tab_that_comes_later_is_told_the_open_prompt() -> None:
     panel.enter(tab)
     (said,) = tab.take()
     assert json.loads(said) == {
-        "type": "panel", "person": "P01", "state": "asking", "title": "trial 3", "text": "", "target": None,
+        "type": "panel", "person": "P01", "state": "asking", "title": "trial 3", "text": "", "cue": "", "target": None,
         "prompt": {**msgspec.to_builtins(GO), "number": 1, "choices": []},
     }  # fmt: skip
     panel.leave(tab)
@@ -217,3 +217,24 @@ def test_pages_whose_port_is_none_get_another_one(tmp_path: Path, monkeypatch: p
         page = serve_pages(study, tmp_path, (), [0], console, stack)
         with socket.create_connection(("127.0.0.1", page.port), 5.0):
             assert 0 < page.port <= 65535
+
+
+def test_a_cue_is_shown_until_the_next_one_or_until_the_trial_is_over(asked: Asked) -> None:
+    shown = "document.querySelector('#panel [data-part=cue]')"
+    asked.show(PanelMessage("P01", "running", title="trial 3", text="Hold still."))
+    target = Target((0.04,), 0.01)
+    asked.panel.change(target=target)
+    for cue in ("Get <b>ready</b>", "Push now", ""):
+        asked.panel.change(cue=cue)
+        assert (asked.panel.message.cue, asked.panel.message.target, asked.panel.message.text) == (
+            cue,
+            target,
+            "Hold still.",
+        )
+        asked.server.send(asked.panel.text())
+        asked.page.until(f"{shown}.textContent === {json.dumps(cue)}")
+        visible = asked.page.tab.evaluate(f"getComputedStyle({shown}).display !== 'none'")
+        assert visible is bool(cue)
+    asked.panel.change(cue="Push now")
+    asked.show(PanelMessage("P01", "waiting"))
+    asked.page.until(f"{shown}.textContent === ''")

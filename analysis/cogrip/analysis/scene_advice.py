@@ -19,7 +19,7 @@ from cogrip.protocol.settings.room import seat_axes
 from cogrip.protocol.settings.seat import SeatSettings
 from cogrip.protocol.settings.sections import Settings
 from cogrip.server.worlds.local_geometry import local_geometry, unfit_tool
-from cogrip.server.worlds.scene_file import CONTACT_RATE_PS2, Scene, scene_of_settings
+from cogrip.server.worlds.scene_file import ADDED, CONTACT_RATE_PS2, Scene, scene_of_settings
 from cogrip.server.worlds.scene_shapes import shapes_of
 from cogrip.server.worlds.scene_surfaces import MOST_SCENE_TRIANGLES
 from cogrip.server.worlds.scene_text import MOST_NAMED
@@ -144,10 +144,31 @@ def _grip(settings: Settings, scene: Scene, seat: SeatSettings) -> Iterator[Find
         f"{seat.user}: the gripper's line is a spring of {plain(most_npm)} N/m at rest, at b_g = {plain(b_g, 3)} N s/m, in "
         f"series with what is between the fingers"
     )
+    if (between_npm := _between(scene, seat, b_g, finger_kg)) is not None:
+        held = scene.model.body(scene.object).name or "the object"
+        felt_npm = 1.0 / (1.0 / between_npm + 1.0 / most_npm)
+        text += f": {held} with flat sides between them is felt with {plain(felt_npm)} N/m"
     yield Finding("felt", text)
     yield free_tool(seat.user, "finger", mass_kg, finger_kg, loop_s(seat), None)
     if gripper := make_for(user, seat_axes(settings, user)).capability.gripper:
         yield from gaps(f"{seat.user}: between the fingers ", seat, b_g, gripper.continuous_force_n)
+
+
+def _between(scene: Scene, seat: SeatSettings, b_g: float, finger_kg: float) -> float | None:
+    """Return the stiffness of the scene's object between the faces of an added gripper [N/m] (theory 8.8).
+
+    None where it is not known: without an object, or where a gripper or contact of the scene's own holds it.
+    """
+    model, tool = scene.model, scene.tools[seat.seat]
+    added = model.body(tool.body).name.startswith(ADDED)
+    if scene.object < 0 or not added or {"geom solref", "geom solimp"} & set(scene.own):
+        return None
+    balls, step_s = int(model.body_geomnum[model.jnt_bodyid[tool.opening]]), float(model.opt.timestep)
+    thumb_kg = float(model.body_mass[tool.body])
+    object_kg = float(model.body_subtreemass[scene.object])
+    sides_kg = thumb_kg + seat.coupling.impedance_nspm * step_s, finger_kg + b_g * step_s
+    softness = [(1.0 / side_kg + 1.0 / object_kg) / (balls * CONTACT_RATE_PS2) for side_kg in sides_kg]
+    return 1.0 / add_floats(softness)
 
 
 def _loop_frames(seat: SeatSettings) -> float:

@@ -8,12 +8,14 @@ from typing import Any
 from cogrip.api import frames
 from cogrip.api.errors import ApiError, as_api_error
 from cogrip.api.runs import OnFrame
+from cogrip.cli.devices.tried_response import try_device
 from cogrip.cli.session.join_target import target_of
 from cogrip.cli.session.joined_device import judge_seat
 from cogrip.client.loop import LiveClient
 from cogrip.client.recorder import RecordedClient
 from cogrip.devices.device import Capability, Device, DeviceError, Sample, check_rate
 from cogrip.devices.simulated.ideal import IdealSettings, capability
+from cogrip.devices.steered.device import INPUT_ONLY
 from cogrip.machine.stop import Stop
 from cogrip.protocol.settings.seat import SeatSettings
 from cogrip.protocol.wire.accounts import ClientAccount
@@ -23,6 +25,8 @@ from cogrip.sim.link import LinkEmulator
 
 Move = Callable[[float, tuple[float, ...]], Sequence[float]]
 """(time [s], force on the hand [N]) -> position [m], shape (axes,)"""
+FUNCTION = "function"  # family of devices that are a function
+UNTRIED = (FUNCTION, "sim", "web", "replay")  # families of devices that have no motors
 
 
 class Client:
@@ -44,14 +48,18 @@ class Client:
         Existing folder for the recording; None to record nothing.
     say
         Called with each line that `cogrip join` would print.
+    trial
+        Try the device's motors before the seat is taken, as `cogrip join` does: `False` leaves it out. What has no motors (what
+        `device_of` returns, a simulated device, one that is input only) is not tried.
     """
 
     def __init__(
         self, target: str, device: Device, *, name: str = "", seconds: float | None = None, on_frame: OnFrame | None = None,
-        folder: str | Path | None = None, say: Callable[[str], None] = lambda text: None,
+        folder: str | Path | None = None, say: Callable[[str], None] = lambda text: None, trial: bool = True,
     ) -> None:  # fmt: skip
         self._target, self._device, self._name, self._seconds = target, device, name, seconds
         self._on_frame, self._folder, self._say = on_frame, folder, say
+        self._trial = trial
         self._stop = Stop()
 
     def stop(self) -> None:
@@ -63,11 +71,12 @@ class Client:
         say, address = self._say, f"{self._device.capability.family}:{self._device.capability.model}"
         with as_api_error():
             target = target_of(self._target, "", False, self._name, "")
+            tried = self._try_motors(address)
             paths = target.paths(insecure=False)
             live = LiveClient(
                 self._device, target.player(self._device.capability, address), paths, self._stop, say, LinkEmulator,
                 self._record_at, self._seconds, judge=lambda seat, record: judge_seat(address, False, say, seat, record),
-                each_frame=self._each_frame if self._on_frame else None,
+                each_frame=self._each_frame if self._on_frame else None, trial=tried,
             )  # fmt: skip
             try:
                 ended = live.run()
@@ -78,6 +87,13 @@ class Client:
         if ended.failed:
             raise ApiError(ended.failed)
         return ended.account
+
+    def _try_motors(self, address: str) -> str:
+        """Return what a trial of the motors found, "" of a device that has none. Raises Problem where one is refused."""
+        record = self._device.capability
+        if record.family in UNTRIED or record.model == INPUT_ONLY:
+            return ""
+        return try_device(self._device if self._trial else None, address, self._say, "trial=False", real=True)
 
     def _each_frame(self, core: RecordedClient, number: int) -> None:
         if self._on_frame:
@@ -102,7 +118,7 @@ def device_of(move: Move, axes: int = 1, **limits: Any) -> Device:
         `peak_force_n` without `continuous_force_n` is both.
     """
     base = capability(IdealSettings(), axes)
-    record = replace(base, family="function", model=getattr(move, "__name__", "device"), gives_velocity=False)
+    record = replace(base, family=FUNCTION, model=getattr(move, "__name__", "device"), gives_velocity=False)
     if "peak_force_n" in limits:
         limits.setdefault("continuous_force_n", limits["peak_force_n"])
     try:

@@ -84,10 +84,19 @@ class Session:
                 raise
         return self
 
-    def client(self, name: str, device: Device, *, on_frame: OnFrame | None = None) -> Client:
-        """Seat one of `mine` with a device of one's own, in a thread; return the client, which `stop` can end."""
+    def client(self, name: str, device: Device, *, on_frame: OnFrame | None = None, trial: bool = True) -> Client:
+        """Seat one of `mine` with a device of one's own, in a thread; return the client, which `stop` can end.
+
+        trial: try its motors before, as `Client` says.
+        """
         client = Client(
-            self.address, device, name=name, seconds=self.settings.seconds, on_frame=on_frame, folder=self.folder
+            self.address,
+            device,
+            name=name,
+            seconds=self.settings.seconds,
+            on_frame=on_frame,
+            folder=self.folder,
+            trial=trial,
         )
         self._clients.append(client)
         self._start(client.run, name)

@@ -86,8 +86,8 @@ def _unknown_stiffness(held: list[Row]) -> str:
     gripping = names_of(row for row in held if (_value(row, "peak_grip_n") or 0.0) >= LEAST_FELT_N)
     if not unknown and gripping:
         return (
-            f"the gripper's, with {some(gripping)}, is neither measured nor predicted, as a scene states no stiffness of "
-            "what fingers hold; `cogrip advise` says how stiff its line is at the delay of the settings"
+            f"the gripper's, with {some(gripping)}, is not measured, and a run does not know what fingers held; "
+            "`cogrip advise` says how stiff the scene's object is felt between them, and their line, at the settings' delay"
         )
     if not unknown:
         return ""

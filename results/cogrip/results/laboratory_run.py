@@ -42,11 +42,12 @@ def run_laboratory(
     stop: Stop | None = None,
     begins: Sequence[int] = (),
     over: Callable[[Laboratory], bool] | None = None,
+    begin: Callable[[Laboratory], None] = lambda laboratory: None,
 ) -> Outcome:
     """Run to the end. With a folder, settings, recordings and summary are left there.
 
     progress: called with (seconds done, seconds in all) now and then. Once `stop` is set, or `over` returns True after a frame,
-    the run ends; what was run is kept. begins: see Laboratory.
+    the run ends; what was run is kept. begin: called before the first frame. begins: see Laboratory.
     Raises DeviceError for a device or hand that cannot be had.
     """
     for user in settings.users:
@@ -58,6 +59,7 @@ def run_laboratory(
         record = _recording(settings, folder, files) if folder else unrecorded
         files.enter_context(_uncollected())
         laboratory = Laboratory(settings, record, begins)
+        begin(laboratory)
         every = max(1, laboratory.frames // 200)
         ended = False
 

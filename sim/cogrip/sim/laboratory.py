@@ -34,7 +34,7 @@ from cogrip.protocol.version import VERSION
 from cogrip.protocol.wire.session import make_hello
 from cogrip.server.admission import AdmissionServices
 from cogrip.server.checkpoint import RoomCheckpoint
-from cogrip.server.inputs import CloseLedger, Restore
+from cogrip.server.inputs import CloseLedger, Mark, Restore
 from cogrip.server.recorder import RecordedServer
 from cogrip.sim.link import LinkEmulator, configured_link
 
@@ -173,6 +173,11 @@ class Laboratory:
         self._call(person)
         self._begin(person)
         return person
+
+    def mark(self, text: str) -> None:
+        """Set a marker, at the beginning of the next frame."""
+        self.now_ns = due_ns(0, self._frame, self._network_hz)
+        self.server.handle(Mark(text), self.now_ns)
 
     def lose_address(self, number: int) -> None:
         """Drop everything to and from this person's present addresses from now on."""

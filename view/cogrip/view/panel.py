@@ -43,6 +43,7 @@ class PanelMessage(msgspec.Struct, frozen=True, tag_field="type", tag="panel"):
     state: PanelState = "waiting"
     title: str = ""
     text: str = ""
+    cue: str = ""  # of the phase of the trial that is going on
     target: Target | None = None
     prompt: Prompt | None = None
 
@@ -70,9 +71,10 @@ class Panel:
         self.message = message
         self._changed()
 
-    def change(self, target: Target) -> None:
-        """Show a target, and leave the rest."""
-        self.message = replace(self.message, target=target)
+    def change(self, *, target: Target | None = None, cue: str | None = None) -> None:
+        """Show another target or cue, and leave the rest."""
+        message = self.message
+        self.message = replace(message, target=target or message.target, cue=message.cue if cue is None else cue)
         self._changed()
 
     def take(self) -> str | None:

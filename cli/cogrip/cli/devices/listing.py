@@ -146,13 +146,13 @@ def _cells(listing: Listing) -> tuple[str, ...]:
 
 
 def _axes(listing: Listing) -> str:
-    """Return the axes that were asked for, and those of a device that turns, or has a gripper with force."""
-    axes = f"{listing.capability.axes}"
-    for more in (POSE_AXES, GRIP_AXES):
+    """Return the axes that were asked for, and those of a device that has a gripper with force, or turns."""
+    axes = [listing.capability.axes]
+    for more in (GRIP_AXES, POSE_AXES):
         with suppress(DeviceError):
             make(listing.address, axes=more)
-            return f"{axes}/{more}"
-    return axes
+            axes.append(more)
+    return "/".join(map(str, axes))
 
 
 def _print_record(listing: Listing, console: Console) -> None:

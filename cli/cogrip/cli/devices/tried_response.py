@@ -1,19 +1,20 @@
 """Trials of how a device moves under small forces: for the commands that prepare devices, and before a seat is taken."""
 
+import threading
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, nullcontext
 
 from cogrip.cli.devices.conform import Clock
 from cogrip.cli.devices.opened_arm import termination_raised
 from cogrip.cli.terminal.problem import BadInput, Problem
 from cogrip.devices import response
 from cogrip.devices.device import Device, DeviceError, defects_named
-from cogrip.devices.motor_trial import MOST_HZ, Tried, try_motors
+from cogrip.devices.motor_trial import MOST_HZ, try_motors
 from cogrip.devices.registry import axes_of, is_input_only, is_real, make
 from cogrip.machine.realtime import engage, release
 
 UNTRIED = ("sim:", "web:", "replay:")  # schemes of devices that have no motors
-SKIPPED = "motors not tried: --no-trial"
+SKIPPED = "motors not tried"
 
 
 def try_response(address: str) -> list[str]:
@@ -21,7 +22,8 @@ def try_response(address: str) -> list[str]:
 
     It is opened anew; nobody holds it. Raises DeviceError, also where its pose is not known.
     """
-    with _opened(address, response.RATE_HZ) as (device, clock, _):
+    device = make(address, axes=axes_of(address))
+    with _opened(device, address, response.RATE_HZ, real=is_real(address)) as (clock, _):
         return response.faults(device, clock)
 
 
@@ -33,37 +35,41 @@ def try_before_seat(address: str, say: Callable[[str], None], *, wanted: bool) -
     with BadInput.of(DeviceError):
         if f"{address}:".startswith(UNTRIED) or is_input_only(address):
             return ""
-    if not wanted:
-        say(SKIPPED)
-        return SKIPPED
-    with Problem.of(DeviceError), _opened(address, MOST_HZ) as (device, clock, rate_hz):
+    with Problem.of(DeviceError):
+        device = make(address, axes=axes_of(address)) if wanted else None
+    return try_device(device, address, say, "--no-trial", real=is_real(address))
+
+
+def try_device(device: Device | None, address: str, say: Callable[[str], None], option: str, *, real: bool) -> str:
+    """Try the motors of a device that is not open, None: leave that out. Return the outcome in words.
+
+    option: that leaves the trial out; real: whether the device goes on by itself, and not tick by tick. Raises Problem.
+    """
+    if device is None:
+        say(skipped := f"{SKIPPED}: {option}")
+        return skipped
+    with Problem.of(DeviceError), _opened(device, address, MOST_HZ, real=real) as (clock, rate_hz):
         tried = try_motors(device, clock, rate_hz)
-    _refuse(tried, address)
+    if tried.faults:
+        raise Problem(
+            f"refused: {address}: {tried.text}; mend it and see `cogrip devices conform`; {option} holds it as it is"
+        )
     say(f"{'warning: ' if tried.unknown else ''}{address}: {tried.text}")
     return tried.text
 
 
-def _refuse(tried: Tried, address: str) -> None:
-    """Raise Problem where something is wrong."""
-    if tried.faults:
-        raise Problem(
-            f"refused: {address}: {tried.text}; mend it and see `cogrip devices conform`; --no-trial holds it as it is"
-        )
-
-
 @contextmanager
-def _opened(address: str, most_hz: int) -> Iterator[tuple[Device, response.Clock, int]]:
-    """Open the device at an address anew, and give it with its clock and rate. Raises DeviceError."""
-    device = make(address, axes=axes_of(address))
-    real = is_real(address)
+def _opened(device: Device, address: str, most_hz: int, *, real: bool) -> Iterator[tuple[response.Clock, int]]:
+    """Open a device, and give its clock and rate. Raises DeviceError."""
     with defects_named(repr(address), "open"):
         rate_hz = min(most_hz, device.capability.rate_hz)
         device.open(rate_hz)
     clock = Clock(rate_hz).newest if real else lambda tick: tick
     measures = engage(["gc-frozen", "fifo"]) if real else []
     try:
-        with termination_raised(), defects_named(repr(address), "motion under small forces"):
-            yield device, clock, rate_hz
+        here = threading.current_thread() is threading.main_thread()  # signals are handled there alone
+        with termination_raised() if here else nullcontext(), defects_named(repr(address), "motion under small forces"):
+            yield clock, rate_hz
     finally:
         device.close()
         release(measures)

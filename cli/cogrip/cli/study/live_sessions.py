@@ -20,6 +20,7 @@ from cogrip.cli.study.terminal_people import ORDERS, Keys
 from cogrip.cli.terminal.problem import Problem
 from cogrip.client.io.paths import JoinError
 from cogrip.experiments.study.conductor import Ended, Quit
+from cogrip.experiments.study.phases import Phase, PhaseWatch, phase_begun
 from cogrip.experiments.study.study_file import Study
 from cogrip.experiments.study.trial import Event, TrialState, begun_by, ended_by
 from cogrip.machine.stop import Stop
@@ -57,7 +58,7 @@ class LiveSessions:
         self._children = folder / CHILDREN
         end_left_over(self._children)
 
-    def run(self, settings: Settings, folder: Path, goal: Goal, title: str) -> Ended:
+    def run(self, settings: Settings, folder: Path, goal: Goal, phases: Sequence[Phase]) -> Ended:
         """Run one. Raises Quit where the operator quits; what was recorded stays."""
         write_settings(folder, settings)
         into = ["--into", str(folder)]
@@ -76,7 +77,7 @@ class LiveSessions:
                     self._join(children, user, folder, link, into)
                 else:
                     self._console.print(f"waiting for {user.name}: cogrip join '{link}' --name '{user.name}'")
-            ended = self._watch(settings, folder, goal, children)
+            ended = self._watch(settings, folder, goal, PhaseWatch(phases), children)
             if ended.event is not Event.FAILED:
                 self._mark(ended_by(folder.name, ended.how))
         except Problem as problem:
@@ -145,7 +146,7 @@ class LiveSessions:
                 return line.partition("cogrip join '")[2].rstrip("'")
         return f"{self._host}:{port}"
 
-    def _watch(self, settings: Settings, folder: Path, goal: Goal, children: Children) -> Ended:
+    def _watch(self, settings: Settings, folder: Path, goal: Goal, phases: PhaseWatch, children: Children) -> Ended:
         """Wait for the end of the session, or for an order of the operator."""
         run, watch, people = FollowedRun(folder), GoalWatch(goal), [user.name for user in settings.users]
         start = TrialState(1, people)
@@ -153,16 +154,18 @@ class LiveSessions:
         self._console.print("going on: e ends, r repeats, p pauses, a leaves it out, q quits (each with Enter)")
         self._ask_ready(people)
         while True:
-            line = self._keys.poll(_LOOK_EVERY_S)
+            wait_s = _LOOK_EVERY_S
+            if began_s is not None:
+                wait_s = max(0.0, min(wait_s, began_s + phases.next_s - time.monotonic()))
+            line = self._keys.poll(wait_s)
+            if began_s is not None:
+                self._begin_phases(phases, time.monotonic() - began_s, folder.name, people)
             if line == "q":
                 raise Quit
             if line in ENDS:
                 return Ended(ENDS[line], "operator")
-            for name, child in children.items():
-                if child.poll() is not None:
-                    return Ended(
-                        Event.FAILED, f"{name}: {how_ended(child, _log(folder, name))}; see {_log(folder, name)}"
-                    )
+            if failed := _failed(children, folder):
+                return Ended(Event.FAILED, failed)
             fresh = run.steps(settings.name)
             if start.state == "waiting":
                 self._take_ready(start, people, fresh, line)
@@ -173,6 +176,7 @@ class LiveSessions:
             if began_s is None:
                 began_s = now_s
                 self._begin(folder.name, goal, steps[0], people, children)
+                self._begin_phases(phases, 0.0, folder.name, people)
             if self._end == "goal" and any(self._reached(watch, goal, step, settings) for step in steps):
                 return Ended(Event.ENDED, "goal")
             if now_s - began_s >= settings.seconds and self._end != "operator":
@@ -217,11 +221,26 @@ class LiveSessions:
             start = [x for x in step.object_m if x is not None]
             self._pages.aim(people, [x + far for x, far in zip(start, goal.place_m, strict=False)], goal.within_m)
 
+    def _begin_phases(self, phases: PhaseWatch, time_s: float, run: str, people: Sequence[str]) -> None:
+        """Show and mark the phases that have begun by now."""
+        for phase in phases.look(time_s):
+            self._pages.cue(people, phase.cue)
+            self._mark(phase_begun(run, phase.name))
+            self._console.print(f"{phase.name}: {phase.cue}" if phase.cue else phase.name)
+
     def _reached(self, watch: GoalWatch, goal: Goal, step: Step, settings: Settings) -> bool:
         """Return whether the goal is reached, as far as the recording says by now; its own time is measured afterwards."""
         if not goal.stated or any(x is None for x in step.object_m):
             return False
         return watch.look(step.step / settings.rates.network_hz, [x for x in step.object_m if x is not None])
+
+
+def _failed(children: Children, folder: Path) -> str:
+    """Return which process of a session ended before its time, and how; "" while all go on."""
+    for name, child in children.items():
+        if child.poll() is not None:
+            return f"{name}: {how_ended(child, _log(folder, name))}; see {_log(folder, name)}"
+    return ""
 
 
 def _log(folder: Path, name: str) -> Path:

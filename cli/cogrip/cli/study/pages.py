@@ -52,7 +52,13 @@ class Pages:
         """Show these people where the object is to be."""
         for person in people if self.page is not None else ():
             assert self.page is not None
-            self.page.panel(person).change(Target(tuple(place_m), within_m))
+            self.page.panel(person).change(target=Target(tuple(place_m), within_m))
+
+    def cue(self, people: Sequence[str], text: str) -> None:
+        """Show these people the cue of a phase, until the next one or until anything else is shown."""
+        for person in people if self.page is not None else ():
+            assert self.page is not None
+            self.page.panel(person).change(cue=text)
 
     def take(self, person: str) -> str | None:
         """Return a person's reply to the prompt, None while there is none."""

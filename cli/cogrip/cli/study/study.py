@@ -23,12 +23,18 @@ from cogrip.experiments.study.laboratory_trial import LaboratorySessions
 from cogrip.experiments.study.orders import unfilled
 from cogrip.experiments.study.plan import planned
 from cogrip.experiments.study.simulated import SimulatedPeople
+from cogrip.experiments.study.staircase import uncaught
 from cogrip.experiments.study.study_file import BASE, Study, StudyError
 from cogrip.experiments.study.table import caught, thresholds
 from cogrip.machine.addition import add_integers
 from cogrip.machine.platform import system
 from cogrip.machine.stop import Stop, on_signals
 from cogrip.protocol.wire.join_link import DEFAULT_PORT
+
+REVERSALS = (
+    "reversals: mean of the levels at which tracks turned; above the threshold of whoever is flat or lapses: by a quarter at "
+    "slope 1, by a half with 5 % lapses"
+)
 
 
 def study(
@@ -101,13 +107,10 @@ def study(
     path = out or Path(STUDIES) / asked.name.replace(" ", "+")
     with BadInput.of(StudyError), Problem.of(OSError, where=f"--out {path}: cannot be written: "):
         folder = StudyFolder(path, asked, base, "live" if live else "simulated", system.lock)
-    for note in folder.notes:
-        console.print(f"note: {note}")
     if over := add_integers(line.over for line in folder.trials):
         console.print(f"over already, in {path}: {counted(over)}")
-    for block in (each for each in asked.blocks if each.order == "latin"):
-        if why := unfilled(len(asked.conditions_of(block)), block.repetitions, len(asked.groups())):
-            console.print(f"note: block {block.name}: {why}")
+    for note in [*folder.notes, *_unfilled(asked), *_uncaught(asked)]:
+        console.print(f"note: {note}")
     stop = Stop()
     with closing(folder), on_signals(stop), ExitStack() as stack:
         sessions: Sessions
@@ -179,6 +182,21 @@ def _utc() -> str:
     return datetime.now(UTC).isoformat(timespec="milliseconds")
 
 
+def _unfilled(study: Study) -> list[str]:
+    """Return which Latin squares the participants do not fill."""
+    squares = [(block, len(study.conditions_of(block))) for block in study.blocks if block.order == "latin"]
+    groups = len(study.groups())
+    return [
+        f"block {block.name}: {why}" for block, size in squares if (why := unfilled(size, block.repetitions, groups))
+    ]
+
+
+def _uncaught(study: Study) -> list[str]:
+    """Return what the thresholds of blocks without catch trials are worth."""
+    rules = [(block.name, block.staircase) for block in study.blocks if block.staircase is not None]
+    return [f"block {name}: {why}" for name, rule in rules if (why := uncaught(rule))]
+
+
 class _Progress:
     """Prints a line a group, and one now and then."""
 
@@ -211,6 +229,9 @@ def _conclude(study: Study, folder: StudyFolder, outcome: Conducted, console: Co
         ]
         headings = ("participant", "block", "condition", "threshold", "95 %", "reversals", "right", "trials")
         make_console().print(plain_table(headings, rows, left=3))
+        console.print(REVERSALS)
+        for note in _uncaught(study):
+            console.print(f"warning: {note}")
         for (person, block, condition), each in found.items():
             for warning in each.warnings:
                 console.print(f"warning: {person}, {block}, {condition}: {warning}")

@@ -8,6 +8,7 @@ from cyclopts import Parameter
 from cogrip.cli.terminal.output import make_console
 from cogrip.cli.terminal.problem import BadInput, Problem
 from cogrip.experiments.study.fitts import COLUMNS, ENOUGH, FEWEST, pointing, rows_of, throughputs
+from cogrip.experiments.study.phase_table import COLUMNS as PHASE_COLUMNS
 from cogrip.experiments.study.study_file import StudyError
 from cogrip.experiments.study.table import read_table, write_columns, write_table
 from cogrip.results.export import ExportError, Format
@@ -20,7 +21,8 @@ def table(
 
     Columns say where the session stood in the study and what it set, then come the measures, with their units in their names
     (docs/measures.md), and the answers. Trials that were abandoned or begun again are left out. Nothing is overwritten. Where
-    conditions have a target, effective width, index of difficulty and throughput (ISO 9241-411) stand in a second table.
+    conditions have a target, effective width, index of difficulty and throughput (ISO 9241-411) stand in a second table; where
+    trials have phases, measures of each in a third.
 
     Parameters
     ----------
@@ -36,7 +38,8 @@ def table(
     console, errors = make_console(soft_wrap=True), make_console(stderr=True, soft_wrap=True)
     path = out or study / f"table.{to}"
     second = path.with_name(f"{path.stem}-throughput{path.suffix}")
-    for each in (path, second):
+    third = path.with_name(f"{path.stem}-phases{path.suffix}")
+    for each in (path, second, third):
         if each.exists():
             raise BadInput(f"{each} exists, and nothing is overwritten; remove it, or name another by --out")
     with BadInput.of(StudyError), errors.status("measuring") as status:
@@ -59,6 +62,10 @@ def table(
                     f"group {group}: throughput {value.bitps:.2f} +- {value.within_bitps:.2f} bit/s (ISO 9241-411, 95 %"
                     f"{more if value.within_bitps > ENOUGH * value.bitps else ''})"
                 )
+        if found.phases:
+            values = [[row[column.name] for row in found.phases] for column in PHASE_COLUMNS]
+            write_columns(PHASE_COLUMNS, values, to, third)
+            console.print(f"{third}: {len(found.phases)} rows")
         if figures:
             from cogrip.experiments.study.figures import write_figures
 

@@ -37,6 +37,10 @@ AT_LIMIT_S = 0.5  # time at its limit after which a force is saturated: a fault
 NEAR_THERMAL_LIMIT = "near thermal limit"  # reason that is counted before anything is limited
 DERATED_S = 10.0  # time of thermal derating, in a counter that falls while there is none, after which it is a fault
 
+DRIVES = "if the device drives itself, `cogrip devices conform` tells a wrong sign or gain"
+"""What to try after a fault that a device with a wrong sign brings about as well as a hand."""
+SLOWER = f"slow down, then re-arm; {DRIVES}"
+
 State = Literal["idle", "calibrating", "armed", "live", "clutched", "degraded", "fault"]
 Transition = Literal["open", "calibrated", "go", "stale", "fresh", "clutch", "engage", "rearm", "fail", "stop"]
 STATES: tuple[State, ...] = get_args(State)
@@ -186,7 +190,7 @@ class Safety:
         if ticks >= self._watchdog_ticks:
             self.fail(f"watchdog: the loop was away for {ticks} ticks; see `cogrip doctor`, then re-arm")
         if square > self._speed_mps * self._speed_mps:
-            self.fail(f"over-speed: {sqrt(square):.2f} m/s is above {self._speed_mps:g} m/s; slow down, then re-arm")
+            self.fail(f"over-speed: {sqrt(square):.2f} m/s is above {self._speed_mps:g} m/s; {SLOWER}")
         if self._further is not None:
             self._check_further(self._further.bounds, sqrt(other), position_m[-1])
         for axis, (low, high) in enumerate(self._workspace_m):  # angles have none
@@ -199,7 +203,7 @@ class Safety:
         """Check the axes after the first three: their speed, and the opening of a gripper."""
         if speed_mps > bounds.speed_mps:
             speeds, unit = [speed / bounds.per_unit for speed in (speed_mps, bounds.speed_mps)], bounds.rate_unit
-            self.fail(f"over-speed: {speeds[0]:.2f} {unit} is above {speeds[1]:g} {unit}; slow down, then re-arm")
+            self.fail(f"over-speed: {speeds[0]:.2f} {unit} is above {speeds[1]:g} {unit}; {SLOWER}")
         if bounds.range_m is not None and not bounds.range_m[0] <= last_m <= bounds.range_m[1]:
             low, at, high = [1e3 / bounds.per_unit * each for each in (bounds.range_m[0], last_m, bounds.range_m[1])]
             self.note("implausible opening")

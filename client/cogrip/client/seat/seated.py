@@ -25,7 +25,7 @@ from cogrip.client.hand.peaks import Peaks
 from cogrip.client.hand.pose_axes import PoseAxes
 from cogrip.client.safety.device_port import Cause, DevicePort, cure
 from cogrip.client.safety.energy_ledger import EnergyLedger
-from cogrip.client.safety.limiter import Safety
+from cogrip.client.safety.limiter import DRIVES, Safety
 from cogrip.client.safety.shaking import Shaking
 from cogrip.client.seat.hand_motion import HandMotion, work_and_velocity
 from cogrip.client.seat.hand_orders import HandOrders
@@ -470,7 +470,7 @@ class SeatedClient:
         if self.port.persists:
             if cause != "limit":
                 safety.unstable = safety.unstable or reason
-            safety.fail(f"{reason}, then re-arm")
+            safety.fail(f"{reason}, then re-arm; {DRIVES}")
         else:
             safety.event("stale", reason)
 

@@ -16,6 +16,7 @@ from cogrip.devices.web.hand import STRETCH_N, PointerSettings, lead_m
 
 Vector = tuple[float, float, float]
 
+INPUT_ONLY = "input-only"  # model of every device that has no motors for its hand
 MOST_MPS = 0.18  # speed at which all of the hand's pull goes into its own damper
 RUMBLE_HZ = 20  # rate at which a motor is told its strength
 RUMBLE_STEP = 0.05  # least change of the strength that is told
@@ -85,7 +86,7 @@ class SteeredDevice(WebDevice):
         link: Link | None,
     ) -> None:
         super().__init__(WebSettings(mass_kg=settings.mass_kg, damping_nspm=settings.damping_nspm), pointer, axes, None)
-        self.capability = replace(self.capability, family=family, model="input-only", buttons=buttons)
+        self.capability = replace(self.capability, family=family, model=INPUT_ONLY, buttons=buttons)
         self._where = f"{family}:"
         self._settings = settings
         self._controller = link

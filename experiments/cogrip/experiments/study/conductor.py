@@ -8,9 +8,10 @@ from pathlib import Path
 from typing import Any, NamedTuple, Protocol
 
 from cogrip.experiments.study.journal import RUNS, AnswerLine, StudyFolder, TrialLine
+from cogrip.experiments.study.phases import Phase
 from cogrip.experiments.study.plan import Done, Trial, next_trial, planned
 from cogrip.experiments.study.questions import Answer, Item, items_of
-from cogrip.experiments.study.study_file import Block, Study
+from cogrip.experiments.study.study_file import Block, Study, run_name
 from cogrip.experiments.study.trial import Event, TrialState
 from cogrip.machine.addition import add_integers
 from cogrip.protocol.settings.sections import Settings
@@ -35,8 +36,8 @@ class Ended(NamedTuple):
 class Sessions(Protocol):
     """Runs sessions."""
 
-    def run(self, settings: Settings, folder: Path, goal: Goal, title: str) -> Ended:
-        """Run one to its end, its files in `folder`, which does not exist yet."""
+    def run(self, settings: Settings, folder: Path, goal: Goal, phases: Sequence[Phase]) -> Ended:
+        """Run one to its end, its files in `folder`, which does not exist yet. phases: of which each is marked and shown."""
 
 
 class People(Protocol):
@@ -168,13 +169,11 @@ class Conductor:
         shown = trial.presentations[state.session]
         settings = self._study.settings_of(self._base, people, shown.changes, shown.seed)
         goal = self._study.goal_of(shown.changes)
-        name = f"{trial.group + 1:02}-{trial.number:03}-{trial.block.name}-{state.attempt}".replace(" ", "+")
-        if len(trial.presentations) > 1:
-            name += "ab"[state.session]
-        title = f"{' and '.join(people)}: trial {trial.number}, {trial.block.name}"
+        interval = "ab"[state.session] if len(trial.presentations) > 1 else ""
+        name = run_name(trial.group + 1, trial.number, trial.block.name, state.attempt, interval)
         folder = self._folder.path / RUNS / name
         runs.append(folder)
-        return self._sessions.run(settings, folder, goal, title)
+        return self._sessions.run(settings, folder, goal, trial.block.phases)
 
     def _items(self, names: Sequence[str]) -> list[Item]:
         return [item for name in dict.fromkeys(names) for item in items_of(name, self._study.questions[name])]

@@ -7,7 +7,7 @@ trial that was running, which is begun again. A last line that was cut short is 
 
 import json
 import os
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import ExitStack
 from pathlib import Path
 from typing import Any, Literal, TypeVar
@@ -16,6 +16,7 @@ import msgspec
 
 from cogrip.experiments.study.plan import Done, Trial
 from cogrip.experiments.study.study_file import Study, StudyError
+from cogrip.protocol.texts import named
 
 STUDY, TRIALS, ANSWERS, RUNS = "study.json", "trials.jsonl", "answers.jsonl", "runs"
 PARTIAL = f"{STUDY}.part"  # name of the study file while it is written; a kill may leave it
@@ -127,15 +128,9 @@ class StudyFolder:
         if now[: len(before)] == before:
             known["participants"] = now
         known = {**found, "study": known}
-        differ = [
-            f"{part}.{key}"
-            for part in query
-            for key in {**query[part], **known.get(part, {})}
-            if known.get(part, {}).get(key) != query[part].get(key)
-        ]
-        if differ:
+        if differ := [each for part in query for each in _different(known.get(part, {}), query[part], part)]:
             raise StudyError(
-                f"{self.path} holds another study (other {', '.join(sorted(differ))}); name another folder, or take the study "
+                f"{self.path} holds another study (other {named(sorted(differ))}); name another folder, or take the study "
                 f"back to what it was ({self.path / STUDY})"
             )
         return found
@@ -203,8 +198,26 @@ def _query(path: Path) -> dict[str, Any]:
     raise StudyError(f"{path} is no study's folder ({STUDY} is missing or unreadable); name another")
 
 
+def _different(before: Any, now: Any, key: str) -> Iterator[str]:
+    """Yield the keys, with dots between them, whose values differ; list items by number."""
+    if isinstance(before, list) and isinstance(now, list) and len(before) == len(now):
+        before, now = (dict(zip(map(str, range(len(each))), each, strict=True)) for each in (before, now))
+    if isinstance(before, dict) and isinstance(now, dict):
+        for each in {**before, **now}:
+            yield from _different(before.get(each), now.get(each), f"{key}.{each}")
+    elif before != now:
+        yield key
+
+
 def _whole(study: dict[str, Any]) -> dict[str, Any]:
-    """Return a study with the keys that it left at their defaults; as it is where it is none."""
+    """Return a study with the keys that it left at their defaults; as it is where it is none.
+
+    A staircase that says nothing of catch trials was written before there were any.
+    """
+    blocks = study.get("blocks")
+    for block in blocks if isinstance(blocks, list) else ():
+        if isinstance(block, dict) and isinstance(block.get("staircase"), dict):
+            block["staircase"].setdefault("catch_every", 0)
     try:
         whole: dict[str, Any] = json.loads(msgspec.json.encode(msgspec.convert(study, Study)))
     except msgspec.ValidationError:

@@ -29,6 +29,7 @@ _QUEST_LEVELS = 33  # number of levels from least to most, among which QUEST cho
 _FIRST_REVERSALS = 4  # number of first reversals, in which a track comes near: they are left out of the mean
 _LEAST_REVERSALS = 2  # least number of reversals of which a mean is told
 _DIGITS = 6  # number of digits of a level
+CATCH_EVERY = 4  # usual trials of a block for each catch trial: biases in docs/studies.md are with it
 _AT_BOUND = 0.25  # share of a track's answers at a bound above which the track sits there
 
 Method = Literal["1-up-2-down", "pest", "quest"]
@@ -58,7 +59,7 @@ class Staircase(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only
     reversals: Annotated[int, msgspec.Meta(ge=2, le=1000)] | None = None
     slope: Annotated[float, msgspec.Meta(gt=0.0, le=20.0)] | None = None
     lapse: Annotated[float, msgspec.Meta(ge=0.0, le=0.2)] | None = None
-    catch_every: Annotated[int, msgspec.Meta(ge=0, le=10_000)] = 0
+    catch_every: Annotated[int, msgspec.Meta(ge=0, le=10_000)] = CATCH_EVERY
     question: str
 
     @property
@@ -71,7 +72,8 @@ class Staircase(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only
 class Estimate(NamedTuple):
     """A threshold, its interval, its standard error as a share of it, the share of right answers, and their number.
 
-    reversals  geometric mean of the levels at which tracks turned, without the first ones; None where too few did
+    reversals  geometric mean of the levels at which tracks turned, without the first ones; None where too few did. It lies
+               above the threshold of an observer who is flat or lapses
     warnings   why it may be none: the answers do not fit, or a track sat at a bound
     """
 
@@ -193,6 +195,16 @@ def _at_bound(rule: Staircase, answered: Sequence[Answered]) -> str:
         if share > _AT_BOUND:
             return f"{100.0 * share:.0f} % of the answers were given at {words} = {bound:g}: the threshold may be {beyond} it"
     return ""
+
+
+def uncaught(rule: Staircase) -> str:
+    """Return what a threshold without catch trials is worth, "" where there are some, or where lapses are known."""
+    if rule.catch_every or rule.lapse is not None:
+        return ""
+    return (
+        "no catch trials: lapses and a flat slope look alike, and 200 answers told thresholds of rehearsed observers from 11 % "
+        f"too low to 9 % too high (docs/studies.md); staircase.catch_every = {CATCH_EVERY} tells them apart"
+    )
 
 
 def unfit_staircase(rule: Staircase) -> str:

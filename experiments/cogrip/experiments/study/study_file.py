@@ -10,6 +10,7 @@ import msgspec
 from msgspec.structs import replace
 
 from cogrip.experiments.study.orders import Order
+from cogrip.experiments.study.phases import Phase, unfit_phases
 from cogrip.experiments.study.questions import Question, items_of, unfit_question
 from cogrip.experiments.study.spread import unfit_spread
 from cogrip.experiments.study.staircase import Staircase, unfit_staircase
@@ -23,6 +24,7 @@ from cogrip.results.measures.goal import NO_GOAL, Goal, unfit_goal
 GOAL = "goal."  # prefix of keys of conditions that are the goal's, not the session's
 OWN = frozenset({"name", "seed"})  # keys of a session that no condition sets
 BASE = "base"  # name of the condition of a study that names none
+_MOST_OF_A_GROUP, _MOST_ATTEMPTS = 99_999, 99  # largest numbers of a trial and of an attempt that a marker has room for
 
 Ending = Literal["time", "goal", "operator"]
 Start = Literal["key", "button"]
@@ -37,6 +39,7 @@ class Observer(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
 
     measure: what they compare; threshold: the difference that they find with probability `psychometric.TARGET`, in its unit;
     slope: of a Weibull function, None: d' grows in proportion to the difference, which no fit assumes.
+    begins: phase with which hands begin; before it they stay where they are. "": with the trial.
     spread: by key of a hand, such as delay_s, the standard deviation over participants of its logarithm.
     """
 
@@ -44,13 +47,14 @@ class Observer(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     threshold: Annotated[float, msgspec.Meta(gt=0.0)] = 50.0
     slope: Annotated[float, msgspec.Meta(gt=0.0, le=20.0)] | None = None
     lapse: Annotated[float, msgspec.Meta(ge=0.0, le=0.2)] = 0.0
+    begins: str = ""
     spread: dict[str, Annotated[float, msgspec.Meta(ge=0.0, le=1.0)]] = {}
 
 
 class Block(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     """[[blocks]]. conditions: names, () all; ask: after each trial; ask_after: at the end of the block.
 
-    break_every: trials from one break to the next, 0 for none; break_s: how long one lasts
+    break_every: trials from one break to the next, 0 for none; break_s: how long one lasts; phases: of each of its sessions
     """
 
     name: Name
@@ -63,6 +67,7 @@ class Block(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     ask_after: tuple[str, ...] = ()
     break_every: Annotated[int, msgspec.Meta(ge=0, le=10_000)] = 0
     break_s: Annotated[float, msgspec.Meta(ge=0.0, le=86_400.0)] = 0.0
+    phases: tuple[Phase, ...] = ()
     staircase: Staircase | None = None
 
 
@@ -169,6 +174,7 @@ def check(study: Study, base: Mapping[str, Any]) -> list[tuple[str, Settings]]:
     for block in study.blocks:
         _check_block(study, block)
     found: list[tuple[str, Settings]] = []
+    lasts_s: dict[str, float] = {}
     for condition in dict.fromkeys(name for block in study.blocks for name in study.conditions_of(block)):
         changes = study.changes(condition)
         where = f"conditions.{condition}: " if study.conditions else ""
@@ -187,6 +193,8 @@ def check(study: Study, base: Mapping[str, Any]) -> list[tuple[str, Settings]]:
                     f'{where}end = "goal", and there is none; give goal.place_m and goal.within_m, or a [task]'
                 )
             found.append((where, settings))
+            lasts_s[condition] = settings.seconds
+    _check_phases(study, lasts_s)
     _check_levels(study, base)
     if why := unfit_spread(study.simulated.spread, {user.hand for _, each in found for user in each.users}):
         raise StudyError(why)
@@ -236,6 +244,24 @@ def _check_block(study: Study, block: Block) -> None:
             f"{where}staircase.question = {block.staircase.question!r} must name a choice of two, the first interval and "
             "the second; add it to [questions]"
         )
+
+
+def _check_phases(study: Study, lasts_s: Mapping[str, float]) -> None:
+    for block in study.blocks:
+        run = run_name(len(study.groups()), _MOST_OF_A_GROUP, block.name, _MOST_ATTEMPTS, "b")
+        for condition in study.conditions_of(block):
+            if why := unfit_phases(block.phases, lasts_s[condition], run):
+                where = f" with condition {condition}" if study.conditions else ""
+                raise StudyError(f"blocks.{block.name}: phases{where}: {why}")
+    known = dict.fromkeys(phase.name for block in study.blocks for phase in block.phases)
+    if study.simulated.begins and study.simulated.begins not in known:
+        there = ", ".join(known) or "none"
+        raise StudyError(f"simulated.begins: no block has a phase {study.simulated.begins!r}; there is: {there}")
+
+
+def run_name(group: int, number: int, block: str, attempt: int, interval: str) -> str:
+    """Return the name of a session's run folder. interval: "a" or "b" of a trial of two sessions, else ""."""
+    return f"{group:02}-{number:03}-{block}-{attempt}{interval}".replace(" ", "+")
 
 
 def _check_levels(study: Study, base: Mapping[str, Any]) -> None:

@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 from cogrip.experiments.study.journal import RUNS, AnswerLine, TrialLine, open_study, read_answers, read_trials
+from cogrip.experiments.study.phase_table import phase_rows
 from cogrip.experiments.study.plan import CATCH
 from cogrip.experiments.study.psychometric import Answered
 from cogrip.experiments.study.questions import raw_tlx
@@ -18,7 +19,7 @@ from cogrip.protocol.recording.schema import unit_of
 from cogrip.results.columns import NUMBER, Column
 from cogrip.results.export import Format, open_table
 from cogrip.results.folder import SUMMARY
-from cogrip.results.measures.columns import read_columns
+from cogrip.results.measures.columns import RunColumns, read_columns
 from cogrip.results.measures.motion import felt_stiffness_missing
 from cogrip.results.measures.registry import MEASURES, measure
 
@@ -38,13 +39,17 @@ Row = dict[str, Any]
 
 
 class StudyTable(NamedTuple):
-    """Rows by column name; notes: runs of which nothing can be measured; empty: measures without values, each with why."""
+    """Rows by column name; notes: runs of which nothing can be measured; empty: measures without values, each with why.
+
+    phases: rows of `phase_table`, none where no trial has phases.
+    """
 
     study: Study
     columns: list[Column]
     rows: list[Row]
     notes: list[str]
     empty: list[str]
+    phases: Sequence[Row] = ()
 
 
 def read_table(path: Path, progress: Callable[[int, int], None] = lambda done, total: None) -> StudyTable:
@@ -53,11 +58,12 @@ def read_table(path: Path, progress: Callable[[int, int], None] = lambda done, t
     lines = [line for line in read_trials(path) if line.status == "finished"]
     answers = read_answers(path)
     rows: list[Row] = []
+    phases: list[Row] = []
     notes: list[str] = []
     for done, line in enumerate(lines):
         progress(done, len(lines))
         for interval, run in enumerate(line.runs):
-            rows += _rows(study, path / RUNS / run, line, interval, answers, notes)
+            rows += _rows(study, path / RUNS / run, line, interval, answers, notes, phases)
     keys = {key for line in lines for values in line.values for key in values}
     asked = {key for row in rows for key in row if key.startswith(ANSWER)}
     columns = [
@@ -67,12 +73,15 @@ def read_table(path: Path, progress: Callable[[int, int], None] = lambda done, t
         Column(MISSING, "string"),
         *(_column(key, rows) for key in sorted(asked)),
     ]
-    return StudyTable(study, columns, rows, notes, _missing(rows))
+    return StudyTable(study, columns, rows, notes, _missing(rows), phases)
 
 
 def _rows(
-    study: Study, folder: Path, line: TrialLine, interval: int, answers: Sequence[AnswerLine], notes: list[str]
-) -> list[Row]:
+    study: Study, folder: Path, line: TrialLine, interval: int, answers: Sequence[AnswerLine], notes: list[str],
+    phases: list[Row],
+) -> list[Row]:  # fmt: skip
+    """Return the rows of a session; what is missing is added to `notes`, the rows of its phases to `phases`."""
+    run: RunColumns | None = None
     values = line.values[interval]
     marked = study.start == "button" and line.mode == "live"
     try:
@@ -83,7 +92,7 @@ def _rows(
     except (RecordingError, OSError) as error:
         notes.append(str(error))
         measured = [{} for _ in line.people]
-    return [
+    rows: list[Row] = [
         {
             "study": study.name, "mode": line.mode, "group": line.group + 1, "participant": person, "seat": seat,
             "condition": line.condition, "block": line.block, "trial": line.number, "practice": int(line.practice),
@@ -95,6 +104,9 @@ def _rows(
         }
         for seat, person in enumerate(line.people)
     ]  # fmt: skip
+    if run is not None:
+        phases += phase_rows(run, rows)
+    return rows
 
 
 def _missing(rows: Sequence[Row]) -> list[str]:

@@ -5,7 +5,7 @@ Time 0 is the first tick of the last person who came: from then on everybody is 
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any
 
@@ -24,7 +24,10 @@ Array = NDArray[np.float64]
 
 @dataclass(frozen=True)
 class PersonColumns:
-    """One person: hand and force on it, a row a tick, shapes (N,) and (N, a); and their pull on the object, (n, a) [N]."""
+    """One person: hand and force on it, a row a tick, shapes (N,) and (N, a); and their pull on the object, (n, a) [N].
+
+    start_m: place of the hand at the run's beginning, (a,); None of columns that begin there.
+    """
 
     name: str
     rate_hz: int
@@ -32,6 +35,7 @@ class PersonColumns:
     position_m: Array
     force_n: Array
     pull_n: Array
+    start_m: Array | None = None
 
 
 @dataclass(frozen=True)
@@ -39,7 +43,7 @@ class RunColumns:
     """A whole run. object_m (n, a): from where it starts. wall_m (a,): place of an object that is fixed, None of another.
 
     springs: whether a spring stands between each hand and the object; task_s: when the task of a scene was reached, None if it
-    was not.
+    was not. markers: time [s] and text of each.
     """
 
     rate_hz: int
@@ -50,6 +54,7 @@ class RunColumns:
     task_s: float | None = None
     wall_m: Array | None = None
     springs: bool = True
+    markers: Sequence[tuple[float, str]] = ()
 
     @cached_property
     def reached_s(self) -> float | None:
@@ -68,6 +73,29 @@ class RunColumns:
         if not self.goal.track:
             return None
         return np.array(course(self.goal.track, self.object_m.shape[1], self.time_s.tolist()))
+
+    def part(self, begin_s: float, end_s: float) -> "RunColumns":
+        """Return what was from begin_s on and before end_s, on the same clock; without the run's goal, but for its course."""
+        kept = _between(self.time_s, begin_s, end_s)
+        people = [
+            replace(
+                each,
+                **{name: getattr(each, name)[ticks] for name in ("time_s", "position_m", "force_n")},
+                pull_n=each.pull_n[kept],
+                start_m=each.position_m[0] if each.start_m is None else each.start_m,
+            )
+            for each in self.people
+            for ticks in [_between(each.time_s, begin_s, end_s)]
+        ]
+        return replace(
+            self, time_s=self.time_s[kept], object_m=self.object_m[kept], people=people, task_s=None,
+            goal=Goal(track=self.goal.track),
+        )  # fmt: skip
+
+
+def _between(time_s: Array, begin_s: float, end_s: float) -> NDArray[np.bool_]:
+    kept: NDArray[np.bool_] = (time_s >= begin_s - 1e-9) & (time_s < end_s - 1e-9)
+    return kept
 
 
 def read_columns(folder: Any, goal: Goal = NO_GOAL, task_s: float | None = None, marker: str = "") -> RunColumns:
@@ -88,8 +116,9 @@ def read_columns(folder: Any, goal: Goal = NO_GOAL, task_s: float | None = None,
     if absent := [name for name in names if not len(ticks[name]["time_s"])]:
         raise RecordingError(f"{folder} has no tick of {', '.join(absent)}, who did not hold on; leave its trial out")
     begin_s = max(float(each["time_s"][0]) for each in ticks.values())
+    markers = run.markers()
     if marker:
-        marked_s = next((time_s for time_s, text in run.markers() if text == marker), None)
+        marked_s = next((time_s for time_s, text in markers if text == marker), None)
         if marked_s is None:
             raise RecordingError(f"{folder} has no marker {marker!r}, with which its trial began; leave its trial out")
         begin_s = max(begin_s, marked_s)
@@ -106,6 +135,7 @@ def read_columns(folder: Any, goal: Goal = NO_GOAL, task_s: float | None = None,
     return RunColumns(
         run.server.rate_hz, steps["time_s"][from_s] - begin_s, objects - objects[0], people, goal, task_s,
         objects[0] if kind and kind.fixed else None, bool(kind and kind.spring),
+        [(time_s - begin_s, text) for time_s, text in markers],
     )  # fmt: skip
 
 

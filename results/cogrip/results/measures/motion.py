@@ -102,7 +102,8 @@ def _felt_stiffness(run: RunColumns, person: int) -> float | str:
         return f"the hand moved by more than {1e3 * REST_MPS * REST_S:g} mm in the last {REST_S:g} s"
     if size < LEAST_PRESS_N:
         return f"the hand pressed with less than {LEAST_PRESS_N:g} N at the end"
-    begin = hand.position_m[0] + run.object_m[-1] if run.wall_m is None else run.wall_m
+    start_m = hand.position_m[0] if hand.start_m is None else hand.start_m
+    begin = start_m + run.object_m[-1] if run.wall_m is None else run.wall_m
     inside = float((place.mean(axis=0) - begin) @ (force / size))
     return size / inside if inside > 0.0 else "the hand did not stand in the object at the end"
 

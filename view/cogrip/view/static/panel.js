@@ -52,6 +52,7 @@ export class Panel {
     this.place.dataset.state = message.state;
     write(this.part("title"), [message.person, message.title].filter(Boolean).join(" – "));
     write(this.part("text"), message.text);
+    write(this.part("cue"), message.cue);
     if (!same) this.build(message.prompt);
   }
 
