@@ -139,6 +139,8 @@ def test_the_programs_end_with_the_reason(ros: Ros, capsys: pytest.CaptureFixtur
     from cogrip_ros2 import hold, watch  # type: ignore[import-not-found]
 
     assert hold.main(["127.0.0.1:1", "--arm", "MTML"]) == 1
+    assert any("no measured_cp" in text for text in ros.said), ros.said  # the motors are tried before the seat is taken
+    assert hold.main(["127.0.0.1:1", "--arm", "MTML", "--no-trial"]) == 1
     assert any("no server" in text or "refused" in text for text in ros.said), ros.said
     assert watch.main([]) == 2
     assert "give one join link" in capsys.readouterr().err

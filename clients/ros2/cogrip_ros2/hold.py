@@ -25,6 +25,7 @@ def parse(arguments: list[str]) -> argparse.Namespace:
     parser.add_argument("link", help="join link, or HOST:PORT on this machine")
     parser.add_argument("--arm", default="", help="namespace of measured_cp and servo_cf, such as MTML")
     parser.add_argument("--name", default="", help="seat to take")
+    parser.add_argument("--no-trial", action="store_true", help="don't try the motors before the seat is taken")
     parser.add_argument("--velocity", action="store_true", help="use measured_cv, too")
     limits = {
         "peak_n": 3.0, "continuous_n": 1.0, "stiffness_npm": 500.0, "damping_nspm": 5.0, "speed_mps": 1.0, "resolution_m": 5e-5,
@@ -44,7 +45,7 @@ def main(arguments: list[str] | None = None) -> int:
     rclpy.init()
     node = rclpy.create_node("cogrip_hold")
     device = CrtkDevice(node, record(flags), flags.arm)
-    client = Client(flags.link, device, name=flags.name, say=node.get_logger().info)
+    client = Client(flags.link, device, name=flags.name, say=node.get_logger().info, trial=not flags.no_trial)
     spinning = threading.Thread(target=rclpy.spin, args=(node,), daemon=True)
     spinning.start()
     try:
