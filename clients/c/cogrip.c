@@ -503,7 +503,7 @@ typedef struct farewell {
     double up_margin_j, line_margin_j; /* nan: not known */
 } farewell;
 
-static const char *const schemes[] = {"wave", "local", "coupling", "tdpa"};
+static const char *const schemes[] = {"wave", "local", "coupling", "tdpa", "partner"};
 static const char *const decimators[] = {"boxcar", "lowpass", "none"};
 static const char *const steps[] = {"passive", "paper"};
 static const char *const encoders[] = {"displacement", "velocity"};

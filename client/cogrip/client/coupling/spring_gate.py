@@ -6,11 +6,12 @@ Symbols: s stretch of the spring [m], K its stiffness, F_d its damper's force, v
     b      E_0 + W - Don + Cred + Refill - Spill        f = b - K s^2 / 2, what is free
 
     (1) |s| is cut to sqrt(2 max(0, b - (1 - T / tau_s) max(0, f before)) / K)
-    (2) a damper that pushes is cut to what f pays for within tau_s; where b < 0 the force only resists
+    (2) a damper that pushes is cut to what f pays for within tau_s; where b < 0 the damper alone acts, against the hand, until
+        it has given something out all the same: then nothing does before b is 0 again
     (3) what f is above the cap is spilt, above E_0 it is donated, within 50 ms: the counter Don goes to all partners
     (4) a partner credits the growth of the largest counter that it has seen, each its part of it
 
-So b >= -eps, the take of one tick, and over all people sum W >= -sum (E_0 + Refill) - sum eps, whatever hands, models, delays,
+So b >= -eps, the take of two ticks, and over all people sum W >= -sum (E_0 + Refill) - sum eps, whatever hands, models, delays,
 losses, order and numbers of people do: nothing of them is in it.
 """
 
@@ -45,6 +46,8 @@ class SpringGate:
         self.donated_j = self.credited_j = self.refilled_j = self.spilt_j = 0.0
         self._free_before_j = BUDGET_J
         self._rested_s = 0.0
+        self._worked_j = 0.0  # W at the tick before
+        self._below = self._gave_out = False  # b is below 0, and has fallen on since
         self.ticks = self.gated = 0
 
     @property
@@ -81,10 +84,16 @@ class SpringGate:
         self._refill(speed, stored)
         free = self.budget_j - stored
         power = add_floats([force * rate for force, rate in zip(damper_n, velocity_mps, strict=True)])
+        worked, self._worked_j = self.work.value - self._worked_j, self.work.value
         if self.budget_j < 0.0:
-            damper_n = [damping_nspm * rate for rate in velocity_mps]
+            self._gave_out = self._gave_out or (self._below and worked < 0.0)
+            self._below = True
+            damper_n = [0.0 if self._gave_out else damping_nspm * rate for rate in velocity_mps]
             self.gated += 1
-        elif power < 0.0:
+            self._free_before_j = free
+            return damper_n
+        self._below = self._gave_out = False
+        if power < 0.0:
             size = sqrt(add_floats([each * each for each in damper_n]))
             take = size * max(AHEAD * speed, DAMPER_MPS) * FADE_S
             if take > free:

@@ -75,6 +75,7 @@ METHODS: Mapping[str, Method] = {
     ),
     "coupling": Method("virtual coupling", {"coupling.kind": "coupling", "coupling.server_step": "passive"}),
     "tdpa": Method("time-domain passivity", {"coupling.kind": "tdpa", "coupling.server_step": "passive"}),
+    "partner": Method("cogrip's models of partners", {"coupling.kind": "partner", "coupling.server_step": "passive"}),
 }
 NETWORKS: tuple[str, ...] = tuple(PROFILES)
 

@@ -1,4 +1,4 @@
-"""Port of the scheme with partners' models: each intention goes to the object's model of that hand and, unchanged, to the others.
+"""Port of the scheme with partners' models: each intention goes to the object's model of that hand, and on to the others.
 
 A row for the world has, for all axes: where the intention is now, as far as the horizon; the intention; its rate. Behind these,
 each on all axes: the hand's stiffness, the energy that it has donated, and when its intention was made [s]. What goes back has
