@@ -39,7 +39,7 @@ def commands() -> list[list[str]]:
 @pytest.mark.long
 @pytest.mark.usefixtures("here")
 def test_its_world_is_checked_and_run(capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch) -> None:
-    check, lab, serve = commands()
+    check, lab, serve = (each for each in commands() if any("my_world" in word for word in each))
     others = tuple(each for each in conformance.CHECKS if each is not conformance.keeps_time)  # no clock decides here
     monkeypatch.setattr("cogrip.cli.worlds.check.CHECKS", others)
     assert main(check) == 0

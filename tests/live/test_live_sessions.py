@@ -36,7 +36,7 @@ def summary_in(folder: Path) -> dict:
     return json.loads(path.read_text())
 
 
-IMPATIENT = "from cogrip.protocol import session; session.RESUME_GIVE_UP_NS = 3 * 10**9\n"  # in place of 10 s
+IMPATIENT = "from cogrip.protocol.wire import session; session.RESUME_GIVE_UP_NS = 3 * 10**9\n"  # in place of 10 s
 HOLD = ("--device", "sim:phantom?hand=hold")
 
 

@@ -57,7 +57,9 @@ def test_what_the_model_calls_ample_holds_the_hand(
     laboratory, summary = run(wall(stiffness, damping_nspm, push_n, device))
     assert passive(summary).tone == stable(summary).tone == "good"
     assert summary["users"][0]["let_go"] == 0
-    [rendered] = {person.core.seated.coupling._stiffness for person in laboratory.people}  # the port may take from it
+    [rendered] = {
+        person.core.seated.coupling.contact.spring.stiffness for person in laboratory.people
+    }  # the port may take from it
     assert laboratory.people[0].device.position_m[0] == pytest.approx(push_n / rendered, rel=0.05, abs=1e-4)
 
 

@@ -8,7 +8,8 @@ import hashlib
 import importlib.util
 import os
 import sys
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from difflib import get_close_matches
 from functools import cache
 from importlib import import_module
@@ -70,14 +71,10 @@ def world_class_of(kind: str) -> WorldClass:
         cure = f'did you mean "{near[0]}"?' if near else f"there are: {', '.join(known)}; or {PYTHON}FILE.py:CLASS"
         raise WorldKindError(f'object.kind: there is no world "{kind}"; {cure}')
     module, _, name = target.partition(":")
-    try:
+    if kind in WORLDS:
+        return WorldClass(getattr(import_module(module), name), target)
+    with _one_line(f"object.kind: {kind}", "mend or remove its package"):
         return WorldClass(_checked(getattr(import_module(module), name), kind), target)
-    except WorldKindError:
-        raise
-    except Exception as error:
-        if kind in WORLDS:
-            raise
-        raise _broken(kind, error, "mend or remove its package") from error
 
 
 def make_guarded(kind: str, seats: Sequence[SeatSettings]) -> World:
@@ -112,7 +109,8 @@ def check_allowed(file: Path, key: str = "object.kind") -> None:
 def _of_file(kind: str) -> WorldClass:
     name, class_name = split_python(kind)
     found, digest = class_in(Path(name), class_name, "object.kind")
-    return WorldClass(_checked(found, kind), f"{shared_kind(kind)} {digest}")
+    with _one_line(f"object.kind: {name}", "correct it"):
+        return WorldClass(_checked(found, kind), f"{shared_kind(kind)} {digest}")
 
 
 def class_in(file: Path, name: str, key: str) -> tuple[Any, str]:
@@ -123,15 +121,11 @@ def class_in(file: Path, name: str, key: str) -> tuple[Any, str]:
     except OSError as error:
         raise WorldKindError(f"{key}: {file}: cannot be read: {error.strerror}") from None
     digest = hashlib.sha256(source).hexdigest()[:16]
-    try:
+    with _one_line(f"{key}: {file}", "correct it"):
         module = _run(str(file.resolve()), digest)
         if not hasattr(module, name):
             raise WorldKindError(f"{key}: {file} has no class {name}; name one that is in it")
         return getattr(module, name), digest
-    except WorldKindError:
-        raise
-    except (Exception, SystemExit) as error:
-        raise _broken(str(file), error, "correct it") from error
 
 
 @cache
@@ -159,6 +153,13 @@ def _checked(found: Any, kind: str) -> type[World]:
     return found
 
 
-def _broken(name: str, error: BaseException, cure: str) -> WorldKindError:
-    said = shown(" ".join(f"{type(error).__name__}: {error}".split()))
-    return WorldKindError(f"object.kind: {name} fails as it is loaded: {said}; {cure}")
+@contextmanager
+def _one_line(what: str, cure: str) -> Iterator[None]:
+    """Make a WorldKindError of whatever another author's program raises as it is loaded."""
+    try:
+        yield
+    except WorldKindError:
+        raise
+    except (Exception, SystemExit) as error:
+        said = shown(" ".join(f"{type(error).__name__}: {error}".split()))
+        raise WorldKindError(f"{what} fails as it is loaded: {said}; {cure}") from error
