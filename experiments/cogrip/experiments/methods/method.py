@@ -81,9 +81,12 @@ NETWORKS: tuple[str, ...] = tuple(PROFILES)
 
 
 def methods_of(settings: Settings) -> tuple[str, ...]:
-    """Return the methods that the object of these settings has: the paper's has no scenes, and a cube no contact."""
+    """Return the methods that the object of these settings has: the paper's has no scenes, a cube no contact.
+
+    Partners are modelled only where they hold a cube.
+    """
     kind = settings.object.kind
-    kept = {"paper": kind != "scene", "local": kind in LOCAL_KINDS}
+    kept = {"paper": kind != "scene", "local": kind in LOCAL_KINDS, "partner": kind == "cube"}
     return tuple(name for name in METHODS if kept.get(name, True))
 
 
