@@ -10,11 +10,31 @@ from cogrip.protocol.settings.seat import SeatSettings
 from cogrip.protocol.wire.clock import Clock
 from cogrip.protocol.wire.messages import Intent, Partner, encode
 from cogrip.server.ports.port import Row
-from cogrip.server.ports.seat_limits import SeatLimits
+from cogrip.server.ports.seat_limits import PowerBucket, SeatLimits
 from cogrip.server.ports.state_port import LatestStatePort
 
 FIELDS = 6  # rows of a seat, for all axes each
 ANSWERED = 5  # rows of each seat in what goes back
+
+
+class DonationLimiter(PowerBucket):
+    """Bounds what a hand may say that it has donated: in any time no more than its mean power and the burst of its bucket."""
+
+    def __init__(self, frame_s: float, limits: SeatLimits, power_left: float = 1.0) -> None:
+        super().__init__(frame_s, limits, power_left)
+        self._told_j: float | None = None  # as the client said last
+        self.passed_j = 0.0  # counter that goes to the others
+
+    def limit(self, donated_j: float) -> float:
+        """Return the counter to pass on for the one that a client tells in this step."""
+        grown = 0.0 if self._told_j is None else max(0.0, donated_j - self._told_j)
+        self._told_j = donated_j if self._told_j is None else max(self._told_j, donated_j)
+        allowed = min(grown, max(0.0, self._level_j))
+        if allowed < grown:
+            self.counts["power limited"] += 1
+        self._level_j = min(self._burst_j, self._level_j + self._refill_j - allowed)
+        self.passed_j += allowed
+        return self.passed_j
 
 
 class PartnerPort(LatestStatePort[Partner]):
@@ -25,14 +45,23 @@ class PartnerPort(LatestStatePort[Partner]):
         self.up_margin_j = None
         self._seat, self._frame_ns = seat.seat, round(1e9 * seat.rates.frame_s)
         self._row: Row = (0.0,) * (2 * self.axes)
+        self._donations = DonationLimiter(seat.rates.frame_s, limits, power_left)
 
     def receive(self, message: Partner, now_ns: int) -> bool:
         fits = message.of_axes(self.axes) and len(message.intents) <= 1
         return fits and self._accept(message)
 
+    def set_limits(self, limits: SeatLimits) -> None:
+        super().set_limits(limits)
+        self._donations.set_limits(limits)
+
+    @property
+    def power_left(self) -> float:
+        return self._donations.fullness
+
     @property
     def limited(self) -> dict[str, int]:
-        return self._states.counts
+        return {**self._states.counts, **self._donations.counts}
 
     @property
     def neutral(self) -> Row:
@@ -51,7 +80,7 @@ class PartnerPort(LatestStatePort[Partner]):
         now_ns = self.next_step_ns - self._frame_ns
         age_s = 1e-9 * max(0, now_ns - intent.made_ns) if intent.made_ns else 0.0
         there = tuple(ahead(intent.intention_m, intent.rate_mps, age_s))
-        told = intent.stiffness_npm, intent.donated_j, 1e-9 * intent.made_ns
+        told = intent.stiffness_npm, self._donations.limit(intent.donated_j), 1e-9 * intent.made_ns
         return there + intent.intention_m + intent.rate_mps + tuple([number for number in told for _ in range(axes)])
 
     def push(self, row: Row) -> None:
