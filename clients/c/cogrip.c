@@ -22,7 +22,7 @@
 enum {
     TAG_HELLO = 1, TAG_WELCOME, TAG_REFUSE, TAG_WAVES, TAG_STATE, TAG_HEARTBEAT, TAG_LEAVE, TAG_FAREWELL, TAG_VIEW, TAG_POWER,
     TAG_PERSON, TAG_BODIES, TAG_GEOM, TAG_MARK, TAG_SET_HAND, TAG_EFFECTS, TAG_EDGES, TAG_REDIRECT, TAG_RESTART,
-    TAG_NOTE
+    TAG_NOTE, TAG_PARTNER
 };
 enum {
     AXES = COGRIP_AXES,
@@ -503,7 +503,7 @@ typedef struct farewell {
     double up_margin_j, line_margin_j; /* nan: not known */
 } farewell;
 
-static const char *const schemes[] = {"wave", "local", "coupling", "tdpa"};
+static const char *const schemes[] = {"wave", "local", "coupling", "tdpa", "partner"};
 static const char *const decimators[] = {"boxcar", "lowpass", "none"};
 static const char *const steps[] = {"passive", "paper"};
 static const char *const encoders[] = {"displacement", "velocity"};
@@ -2782,7 +2782,7 @@ static void decode(const void *data, size_t bytes, decoded *into) {
     reader from = {(const unsigned char *)data, (const unsigned char *)data + bytes, 0};
     if (!bytes) from.bad = 1;
     const uint64_t length = get_length(&from, 0, 1, UINT32_MAX);
-    into->tag = (int)get_int(&from, TAG_HELLO, TAG_NOTE);
+    into->tag = (int)get_int(&from, TAG_HELLO, TAG_PARTNER);
     switch (into->tag) {
     case TAG_WELCOME: get_welcome(&from, length, &into->as.welcome); break;
     case TAG_REFUSE: get_refusal(&from, length, &into->as.refusal); break;

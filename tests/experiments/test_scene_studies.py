@@ -103,6 +103,7 @@ def test_all_methods_but_the_papers_have_scenes() -> None:
     assert methods_of(load(LIFT)) == ("wave", "tuned", "local", "coupling", "tdpa")
     assert "paper" in methods_of(load(Path("lan")))
     assert "local" not in methods_of(load(Path("lan")))  # a cube has no contact
+    assert "partner" in methods_of(load(Path("lan")))
 
 
 @pytest.mark.parametrize(("kind", "diverged"), [("wave", ""), ("coupling", "the scene left all bounds")])

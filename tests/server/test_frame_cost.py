@@ -58,7 +58,8 @@ def rooms(monkeypatch: pytest.MonkeyPatch) -> list[Room]:
 @pytest.mark.parametrize(
     ("kind", "coupling"),
     [
-        ("cube", "wave"), ("cube", "coupling"), ("cube", "tdpa"), ("wall", "local"), ("faces", "local"), ("scene", "wave"),
+        ("cube", "wave"), ("cube", "coupling"), ("cube", "tdpa"), ("cube", "partner"),
+        ("wall", "local"), ("faces", "local"), ("scene", "wave"),
         ("scene", "local"), ("scene", "coupling"), ("poses", "wave"), ("poses", "local"),
     ],
 )  # fmt: skip

@@ -224,6 +224,12 @@ def _passivity(seats: Sequence[SeatSettings]) -> list[Finding]:
         text = "not passive: plain virtual coupling makes energy of delay, so its stability holds for these very numbers only"
         return [Finding("passivity", text, level="note")]
     found = []
+    if coupling.traits.cube_alone:
+        text = (
+            "what each hand gets its own gate bounds: what it has put in, what partners gave, and the budget of its seat, "
+            "whatever network and partners do"
+        )
+        return [Finding("passivity", text)]
     if coupling.traits.local:
         text = "contact is each client's own, bounded by the energy at its device; the line behind it is passive on any network"
         return [Finding("passivity", text)]

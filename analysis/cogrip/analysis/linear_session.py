@@ -166,7 +166,8 @@ def scheme_of(coupling: Coupling) -> Scheme:
     """Return the scheme of the settings. Raises ModelError for one that is not linear."""
     if coupling.traits.linear is None:
         raise ModelError(
-            f'coupling.kind = "{coupling.kind}": a passivity controller is not linear, so there is no model of it; '
+            f'coupling.kind = "{coupling.kind}": a passivity controller or an energy gate is not linear, so there is no '
+            "model of it; "
             "`cogrip lab` and `cogrip sweep` run whole sessions of it"
             + (" (coupling.compensate has no effect there)" if coupling.compensate else "")
         )

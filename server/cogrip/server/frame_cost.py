@@ -13,7 +13,7 @@ from cogrip.protocol.line.sender import LineSender
 from cogrip.protocol.settings.rates import NS_PER_S
 from cogrip.protocol.settings.seat import SeatSettings
 from cogrip.protocol.settings.sections import Settings
-from cogrip.protocol.wire.messages import Frame, Power, Stamp, State, Waves, decode, encode
+from cogrip.protocol.wire.messages import Frame, Intent, Partner, Power, Stamp, State, Waves, decode, encode
 from cogrip.server.ports.seat_limits import ClaimedRecord
 from cogrip.server.room import Room
 
@@ -34,7 +34,7 @@ class StillHand:
 
     def __init__(self, seat: SeatSettings, message: type[Frame], session: int) -> None:
         axes = seat.object.axes
-        self._message, self._session = message, session
+        self._message, self._session, self._seat = message, session, seat.seat
         self._sender, self._number = LineSender(axes, seat.playout.redundancy), 0
         self._zero = (0.0,) * axes
         proxy = min(axes, PLACES) if seat.coupling.traits.local else 0
@@ -50,6 +50,9 @@ class StillHand:
             message = Waves(self._session, *self._sender.contents(), 0.0, 0.0, number, stamp, self._state)
         elif self._message is Power:
             message = Power(self._session, number, zero, zero, zero, zero, zero, 0.0, number, stamp)
+        elif self._message is Partner:
+            intent = Intent(self._seat, now_ns + 1, zero, zero, 0.0, 0.0)
+            message = Partner(self._session, number, zero, zero, (intent,), number, stamp)
         else:
             message = State(self._session, number, zero, zero, 0.0, number, stamp)
         return encode(message)

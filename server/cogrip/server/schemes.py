@@ -13,6 +13,7 @@ from cogrip.protocol.settings.object_kinds import KINDS
 from cogrip.protocol.settings.seat import SeatSettings
 from cogrip.protocol.settings.sections import Settings
 from cogrip.server.ports.local_port import LocalPort
+from cogrip.server.ports.partner_port import PartnerPort
 from cogrip.server.ports.port import Port
 from cogrip.server.ports.power_port import PowerPort
 from cogrip.server.ports.seat_limits import SeatLimits
@@ -20,6 +21,7 @@ from cogrip.server.ports.state_port import StatePort
 from cogrip.server.ports.wave_port import WavePort
 from cogrip.server.worlds.lagged import CoupledWorld, PaperWorld
 from cogrip.server.worlds.local_faces import LocalFacesWorld
+from cogrip.server.worlds.partners import PartnersWorld
 from cogrip.server.worlds.power import PowerWorld
 from cogrip.server.worlds.registry import make_guarded, world_class_of
 from cogrip.server.worlds.scene_text import SceneError
@@ -48,12 +50,12 @@ def make_wave_world(seats: Sequence[SeatSettings]) -> World:
 class Scheme(NamedTuple):
     """One coupling scheme.
 
-    scene: module and class, in `cogrip.server.worlds`, of its world of rigid bodies, for which MuJoCo is loaded
+    scene: module and class, in `cogrip.server.worlds`, of its world of rigid bodies, for which MuJoCo is loaded; None: no scene
     """
 
     make_port: Callable[[SeatSettings, SeatLimits, float], Port]
     make_world: MakeWorld
-    scene: tuple[str, str]
+    scene: tuple[str, str] | None
 
 
 SCHEMES: dict[Kind, Scheme] = {
@@ -61,6 +63,7 @@ SCHEMES: dict[Kind, Scheme] = {
     "local": Scheme(LocalPort, LocalFacesWorld, ("local_scene", "LocalSceneWorld")),
     "coupling": Scheme(StatePort, CoupledWorld, ("driven_scene", "CoupledScene")),
     "tdpa": Scheme(PowerPort, PowerWorld, ("driven_scene", "PowerScene")),
+    "partner": Scheme(PartnerPort, PartnersWorld, None),
 }
 """Scheme by `coupling.kind` of the settings, the same for all seats of a room."""
 
@@ -75,7 +78,10 @@ def make_scene_world(settings: Settings, seats: Sequence[SeatSettings]) -> World
 
     Raises SceneError for a file that cannot be used, and where there is no MuJoCo; WorldKindError, WorldError for a script.
     """
-    module, name = SCHEMES[settings.coupling.kind].scene
+    scene = SCHEMES[settings.coupling.kind].scene
+    if scene is None:
+        raise SceneError(f'coupling.kind = "{settings.coupling.kind}" has no scenes; set coupling.kind = "wave"')
+    module, name = scene
     try:  # MuJoCo is loaded where there is a scene
         scene_file = import_module("cogrip.server.worlds.scene_file")
         scene_script = import_module("cogrip.server.worlds.scene_script")

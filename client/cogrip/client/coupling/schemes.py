@@ -10,6 +10,7 @@ from cogrip.client.coupling.local_contact import LocalCoupling
 from cogrip.client.coupling.local_poses import PoseContact
 from cogrip.client.coupling.local_scene import SceneContact
 from cogrip.client.coupling.local_surface import Face, Wall
+from cogrip.client.coupling.partner import PartnerCoupling
 from cogrip.client.coupling.passivity_control import PassivityControl
 from cogrip.client.coupling.virtual_coupling import VirtualCoupling
 from cogrip.client.coupling.wave_coupling import WaveCoupling
@@ -32,6 +33,7 @@ SCHEMES: dict[Kind, MakeCoupling] = {
     "local": make_local,
     "coupling": VirtualCoupling,
     "tdpa": PassivityControl,
+    "partner": PartnerCoupling,
 }
 
 

@@ -75,14 +75,18 @@ METHODS: Mapping[str, Method] = {
     ),
     "coupling": Method("virtual coupling", {"coupling.kind": "coupling", "coupling.server_step": "passive"}),
     "tdpa": Method("time-domain passivity", {"coupling.kind": "tdpa", "coupling.server_step": "passive"}),
+    "partner": Method("cogrip's models of partners", {"coupling.kind": "partner", "coupling.server_step": "passive"}),
 }
 NETWORKS: tuple[str, ...] = tuple(PROFILES)
 
 
 def methods_of(settings: Settings) -> tuple[str, ...]:
-    """Return the methods that the object of these settings has: the paper's has no scenes, and a cube no contact."""
+    """Return the methods that the object of these settings has: the paper's has no scenes, a cube no contact.
+
+    Partners are modelled only where they hold a cube.
+    """
     kind = settings.object.kind
-    kept = {"paper": kind != "scene", "local": kind in LOCAL_KINDS}
+    kept = {"paper": kind != "scene", "local": kind in LOCAL_KINDS, "partner": kind == "cube"}
     return tuple(name for name in METHODS if kept.get(name, True))
 
 

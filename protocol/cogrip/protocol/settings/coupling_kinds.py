@@ -5,7 +5,7 @@ What each end makes of a kind is in its own table: `cogrip.client.coupling.schem
 
 from typing import Literal, NamedTuple
 
-Kind = Literal["wave", "local", "coupling", "tdpa"]
+Kind = Literal["wave", "local", "coupling", "tdpa", "partner"]
 
 
 class DamperRow(NamedTuple):
@@ -24,6 +24,7 @@ class CouplingKind(NamedTuple):
     passive         creates no energy, given the passive server step and a decimator that creates none
     own_frame       the server answers with the object in each person's own frame, from where that hand began
     any_world       fits worlds of other packages and grippers
+    cube_alone      fits a free object that is held from all sides, and nothing else
     paper_step      knows the paper's own server step
     damper          damper that the device renders
     softer_key      key of [coupling] to lower where the force oscillates
@@ -31,11 +32,12 @@ class CouplingKind(NamedTuple):
     advised_frames  frames of both directions together up to which a client that joins has the model computed: about 2 s
     """
 
-    frame: Literal["Waves", "State", "Power"]
+    frame: Literal["Waves", "State", "Power", "Partner"]
     local: bool
     passive: bool
     own_frame: bool
     any_world: bool
+    cube_alone: bool
     paper_step: bool
     damper: DamperRow
     softer_key: Literal["impedance_nspm", "stiffness_npm"]
@@ -56,20 +58,24 @@ class CouplingKind(NamedTuple):
 _IMPEDANCE, _DAMPING = DamperRow("b", "impedance_nspm"), DamperRow("B", "damping_nspm")
 COUPLING_KINDS: dict[Kind, CouplingKind] = {
     "wave": CouplingKind(
-        frame="Waves", local=False, passive=True, own_frame=False, any_world=True, paper_step=True, damper=_IMPEDANCE,
-        softer_key="impedance_nspm", linear="passive", advised_frames=96,
+        frame="Waves", local=False, passive=True, own_frame=False, any_world=True, cube_alone=False, paper_step=True,
+        damper=_IMPEDANCE, softer_key="impedance_nspm", linear="passive", advised_frames=96,
     ),
     "local": CouplingKind(  # its linear model is that of each client's own contact, which has no delay
-        frame="Waves", local=True, passive=True, own_frame=False, any_world=False, paper_step=False, damper=_DAMPING,
-        softer_key="stiffness_npm", linear="coupling", advised_frames=512,
+        frame="Waves", local=True, passive=True, own_frame=False, any_world=False, cube_alone=False, paper_step=False,
+        damper=_DAMPING, softer_key="stiffness_npm", linear="coupling", advised_frames=512,
     ),
     "coupling": CouplingKind(
-        frame="State", local=False, passive=False, own_frame=True, any_world=False, paper_step=False, damper=_DAMPING,
-        softer_key="stiffness_npm", linear="coupling", advised_frames=40,
+        frame="State", local=False, passive=False, own_frame=True, any_world=False, cube_alone=False, paper_step=False,
+        damper=_DAMPING, softer_key="stiffness_npm", linear="coupling", advised_frames=40,
     ),
     "tdpa": CouplingKind(
-        frame="Power", local=False, passive=True, own_frame=False, any_world=False, paper_step=False, damper=_IMPEDANCE,
-        softer_key="stiffness_npm", linear=None, advised_frames=512,
+        frame="Power", local=False, passive=True, own_frame=False, any_world=False, cube_alone=False, paper_step=False,
+        damper=_IMPEDANCE, softer_key="stiffness_npm", linear=None, advised_frames=512,
+    ),
+    "partner": CouplingKind(
+        frame="Partner", local=False, passive=True, own_frame=True, any_world=False, cube_alone=True, paper_step=False,
+        damper=_DAMPING, softer_key="stiffness_npm", linear=None, advised_frames=512,
     ),
 }  # fmt: skip
 

@@ -6,7 +6,7 @@ from cogrip.protocol.axes import GRIP_AXES, PLACES, POSE_AXES
 from cogrip.protocol.settings.object_kinds import KINDS, LOCAL_KINDS, kind_of, unfit_kind
 from cogrip.protocol.settings.sections import Settings
 from cogrip.protocol.settings.task import unfit
-from cogrip.protocol.settings.types import MOST_WAVES, PINCH
+from cogrip.protocol.settings.types import MOST_PARTNERS, MOST_WAVES, PINCH
 
 
 def unfit_object(settings: Settings, compensated: Sequence[str]) -> str:
@@ -32,6 +32,8 @@ def unfit_object(settings: Settings, compensated: Sequence[str]) -> str:
             f'coupling.kind = "{coupling.kind}" renders contact, and with object.kind = "{given.kind}" a client knows none; '
             'set object.kind to "wall", "faces" or "scene", or coupling.kind = "wave"'
         )
+    if coupling.traits.cube_alone and (why := _unfit_cube(settings)):
+        return f'coupling.kind = "{coupling.kind}" {why}'
     if kind_of(given.kind).spring:
         return ""
     scene, step = given.kind == "scene", coupling.server_step
@@ -94,4 +96,14 @@ def unfit_object(settings: Settings, compensated: Sequence[str]) -> str:
     for found, what, cure in refused:
         if found:
             return f'object.kind = "{given.kind}": {what}; {cure}'
+    return ""
+
+
+def _unfit_cube(settings: Settings) -> str:
+    """Return why a room is none of a free object that few hold from all sides, "" where it is."""
+    if settings.object.kind != "cube" or any(user.grips for user in settings.users):
+        return 'is for a free object that is held from all sides; set object.kind = "cube", or coupling.kind = "wave"'
+    if len(settings.users) > MOST_PARTNERS + 1:
+        people = len(settings.users)
+        return f'has room for {MOST_PARTNERS + 1} people, and there are {people}; set coupling.kind = "wave"'
     return ""

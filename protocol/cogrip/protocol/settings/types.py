@@ -30,4 +30,5 @@ Seed = Annotated[int, msgspec.Meta(ge=0, le=2**53)]
 Seconds = Annotated[float, msgspec.Meta(gt=0.0, le=1e6)]
 SeatNumber = Annotated[int, msgspec.Meta(ge=0, le=255)]
 PINCH = "pinch"  # tool of a hand with a gripper; "pinch:BODY" is a body of the scene
+MOST_PARTNERS = 7  # most partners whose intentions one message has room for
 MOST_WAVES = 78  # most waves of one datagram, over all axes

@@ -28,7 +28,7 @@ from cogrip.protocol.settings.effects import MOST_EFFECTS, Effect, EffectTank
 from cogrip.protocol.settings.hand import HandChange
 from cogrip.protocol.settings.seat import SeatSettings
 from cogrip.protocol.settings.tool_frame import Scale
-from cogrip.protocol.settings.types import MOST_WAVES, SeatNumber
+from cogrip.protocol.settings.types import MOST_PARTNERS, MOST_WAVES, SeatNumber
 from cogrip.protocol.texts import MARK_BYTES as MARK_BYTES
 from cogrip.protocol.texts import TEXT_BYTES
 from cogrip.protocol.wire.accounts import ClientAccount, RoomAccount, SeatAccount
@@ -412,15 +412,54 @@ class Note(Message, frozen=True, tag=20):
     text: Annotated[str, msgspec.Meta(max_length=TEXT_BYTES)]
 
 
+class Intent(msgspec.Struct, frozen=True, array_like=True, gc=False):
+    """Intention of one hand as its client estimates it (theory 5b), in the frame of whoever gets it."""
+
+    seat: SeatNumber
+    made_ns: Ns  # when it was estimated, by the server's clock as its client knows it; 0: not known
+    intention_m: Annotated[tuple[Metres, ...], Axes]
+    rate_mps: Annotated[tuple[MetresPerSecond, ...], Axes]
+    stiffness_npm: Annotated[float, msgspec.Meta(ge=0.0, le=1e4)]  # stiffness of the hand; 0 while it lets go
+    donated_j: Entered  # energy that it has given to all others so far
+
+    def of_axes(self, axes: int) -> bool:
+        """Return whether every list has one number an axis."""
+        return len(self.intention_m) == len(self.rate_mps) == axes
+
+
+class Partner(Message, frozen=True, tag=21):
+    """A partner's model (`SPEC.md` section 7c): the client tells its hand and its intention, the server object and partners."""
+
+    session: Session
+    number: Counter
+    position_m: Annotated[tuple[Metres, ...], Axes]
+    velocity_mps: Annotated[tuple[MetresPerSecond, ...], Axes]
+    intents: Annotated[tuple[Intent, ...], msgspec.Meta(max_length=MOST_PARTNERS)]
+    acknowledged: Counter
+    stamp: Stamp
+    handle: Handle | None = None  # handle and edges as in `Waves`
+    edges: EdgeCount = 0
+
+    @property
+    def port_j(self) -> float:
+        """Energy that went in, less what came out: not told, as no line carries it."""
+        return 0.0
+
+    def of_axes(self, axes: int) -> bool:
+        """Return whether every list has one number an axis."""
+        own = len(self.position_m) == len(self.velocity_mps) == axes
+        return own and all(intent.of_axes(axes) for intent in self.intents)
+
+
 def pack_poses(poses: Sequence[tuple[int, Sequence[float]]]) -> bytes:
     """Return the records of a `Bodies`."""
     return b"".join([_POSE.pack(body, *pose) for body, pose in poses])
 
 
-Latest = State | Power  # frames of which the newest wins
+Latest = State | Power | Partner  # frames of which the newest wins
 Frame = Waves | Latest  # message that a coupling sends once a frame
 FRAMES: Mapping[str, type[Frame]] = {
-    each.__name__: each for each in (Waves, State, Power)
+    each.__name__: each for each in (Waves, State, Power, Partner)
 }  # types by `CouplingKind.frame`
 Observed = Person | Bodies | Geom | Mark | Effects | Note  # message to an observer beside views
 AnyMessage = (

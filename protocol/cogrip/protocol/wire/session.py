@@ -51,7 +51,7 @@ MOST_REDIRECTS = 4  # most redirects in a row
 FOR_OBSERVERS = (View, messages.Person, messages.Bodies, messages.Note)
 """Messages for observers, as a tuple: a union would be made for every datagram."""
 ANSWERS, NOT_OF_A_SESSION = (Welcome, Refuse), (Hello, Leave, messages.Edges, Redirect)
-FOR_CLIENTS = (messages.Waves, messages.State, messages.Power, messages.SetHand, *FOR_OBSERVERS)
+FOR_CLIENTS = (messages.Waves, messages.State, messages.Power, messages.Partner, messages.SetHand, *FOR_OBSERVERS)
 
 ClientState = Literal["idle", "connecting", "seated", "resuming", "leaving", "closed"]
 ClientEvent = Literal["connect", "welcome", "refuse", "silence", "leave", "farewell", "quiet", "received", "restart"]

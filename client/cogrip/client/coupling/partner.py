@@ -1,0 +1,226 @@
+"""The client's end of the scheme with partners' models (`coupling.kind = "partner"`, theory 5b).
+
+Each client steps its own copy of the object with its own spring and a model of every partner's hand about the intention that
+the partner's client estimates. The hand pushes against that copy at once, whatever the delay; what the copy may give it the
+gate at its own spring bounds (`spring_gate`). Symbols: x hand, o copy, s = x - o, K, B spring and damper of [coupling]:
+
+    F = K s + B (x' - o')
+"""
+
+from collections.abc import Sequence
+from math import inf
+
+from cogrip.client.coupling.intention import HAND_NPM, Intention
+from cogrip.client.coupling.interface import DelayLine, LatestStateCoupling, Row
+from cogrip.client.coupling.spring_gate import SpringGate
+from cogrip.devices.device import Capability
+from cogrip.machine.addition import add_floats
+from cogrip.protocol.laws.partner_model import Model, ahead, step_object
+from cogrip.protocol.line.energy_reserve import EnergyReserve
+from cogrip.protocol.settings.seat import SeatSettings
+from cogrip.protocol.wire.clock import MessageClock
+from cogrip.protocol.wire.handle import Handle
+from cogrip.protocol.wire.messages import Intent, Partner, encode
+
+GROW_S = 0.5  # time in which the stiffness of a hand grows that has just come, here and at its partners
+SILENT_S = 0.3  # time without news of a partner after which its model lets go, within as long
+MOST_TICKS = 64  # most ticks that the copy makes up for at once, where the loop was late
+
+
+class Known:
+    """One partner as it was told last."""
+
+    def __init__(self, place_m: Sequence[float]) -> None:
+        self.model = Model(place_m)
+        self.intent: Intent | None = None
+        self.age_s = 0.0  # of the intention, now
+        self.silent_s = 0.0  # since it was new
+        self.since_s = 0.0  # since the partner was there first
+        self.donated_j: float | None = None  # counter that is credited
+
+
+class PartnerCoupling(LatestStateCoupling[Partner]):
+    """One's own copy of the object, models of the partners, and the gate at one's own spring."""
+
+    def __init__(self, seat: SeatSettings) -> None:
+        super().__init__(seat)
+        axes, self._tick_s = seat.object.axes, seat.rates.tick_s
+        self._spring = seat.coupling.stiffness_npm, seat.coupling.damping_nspm
+        self._mass_kg, self._damping_nspm = seat.object.mass_kg, seat.object.damping_nspm
+        self._frame_s, self._others = seat.rates.frame_s, max(1, seat.people - 1)
+        self.gate = SpringGate(self._tick_s)
+        self.intention = Intention(axes, self._tick_s, 0.0)
+        self.partners: dict[int, Known] = {}
+        self.place_m: list[float] | None = None  # of the copy; None before there is a hand
+        self.velocity_mps = [0.0] * axes
+        self._elapsed = 0  # ticks since the copy was stepped
+        self._late: DelayLine[Sequence[float]] = DelayLine()
+        self._here_s = 0.0  # since this hand came
+        self._hold = 1.0  # factor on the stiffness of a hand that is leaving
+        self._stored_j = 0.0
+        self._clock_ns = 0  # server's time at the newest message, less what has passed here since
+        self.down_margin_j: float | None = None
+        self.down_reserve = EnergyReserve(seat.rates.network_hz)  # never seen: no ledger is kept of one direction
+
+    # The ledger
+
+    @property
+    def port_j(self) -> float:
+        return self.gate.work.value
+
+    def given_j(self) -> float:
+        """Return what the seat's budget, its partners and the refill gave, less what it gave them."""
+        return self.gate.granted_j
+
+    @property
+    def stored_j(self) -> float:
+        return self.ramp_gain * self._stored_j
+
+    def fit(self, record: Capability, lag_s: float) -> None:
+        super().fit(record, lag_s)
+        self.intention.mass_kg = record.apparent_mass_kg
+
+    def set_latency(self, ticks: int) -> None:
+        self._late.set_ticks(ticks, self.still)
+
+    def elapse(self, mean_velocity_mps: Sequence[float], velocity_mps: Sequence[float], hold: float = 1.0) -> None:
+        power = add_floats([force * rate for force, rate in zip(self.applied_n, mean_velocity_mps, strict=True)])
+        self.gate.work.add(power * self._tick_s)
+        self._elapsed += 1
+        self._hold = hold
+
+    def elapse_absent(self) -> None:
+        """Enter a tick without a hand: its partners are told that it lets go, and the copy begins anew with the next one."""
+        self.place_m, self._here_s, self._elapsed = None, 0.0, 0
+
+    def end_frame(self, spare_j: float = inf) -> int:
+        self._number += 1
+        return self.frame_ticks
+
+    def start_frame(self) -> int:
+        for known in self.partners.values():
+            known.silent_s += self._frame_s
+        if self._receiver.pop() and (latest := self._receiver.latest) is not None:
+            self.object_state = latest.position_m + latest.velocity_mps
+            for intent in latest.intents:
+                self._take(intent)
+        return self.frame_ticks
+
+    def _take(self, intent: Intent) -> None:
+        known = self.partners.get(intent.seat)
+        if known is None:
+            known = self.partners[intent.seat] = Known(intent.intention_m)
+        before = known.intent
+        if before is not None and before.made_ns >= intent.made_ns > 0:
+            return
+        known.intent, known.silent_s = intent, 0.0
+        known.age_s = self._age_s(intent)
+        if known.donated_j is None:
+            known.donated_j = intent.donated_j
+        elif intent.donated_j > known.donated_j:
+            self.gate.credit((intent.donated_j - known.donated_j) / self._others)
+            known.donated_j = intent.donated_j
+
+    def _age_s(self, intent: Intent) -> float:
+        """Return how old an intention was as its message came; 0 where no clock tells."""
+        return 1e-9 * max(0, self._clock_ns - intent.made_ns) if intent.made_ns and self._clock_ns else 0.0
+
+    # The law
+
+    def force(self, position_m: Sequence[float], velocity_mps: Sequence[float]) -> Sequence[float]:
+        if self.place_m is None:
+            self._begin(position_m)
+        assert self.place_m is not None
+        K, B = self._rendered()
+        ticks, self._elapsed = min(MOST_TICKS, max(1, self._elapsed)), 0
+        self.intention.update(position_m, velocity_mps, self.applied_n)
+        for _ in range(ticks):
+            self._step(position_m, velocity_mps, K, B)
+        stretch = [x - o for x, o in zip(position_m, self.place_m, strict=True)]
+        part = self.gate.cut(stretch, K)
+        if part < 1.0:
+            self._yield(position_m, stretch, part, ticks)
+            stretch = [part * each for each in stretch]
+        damper: Sequence[float] = [B * (rate - own) for rate, own in zip(velocity_mps, self.velocity_mps, strict=True)]
+        damper = self.gate.pay(stretch, K, damper, velocity_mps, B)
+        self._stored_j = 0.5 * K * add_floats([each * each for each in stretch])
+        force = [K * each + more for each, more in zip(stretch, damper, strict=True)]
+        self.local_n = [K * x + B * rate for x, rate in zip(position_m, velocity_mps, strict=True)]
+        return force
+
+    def _begin(self, position_m: Sequence[float]) -> None:
+        """Begin with the object in the hand, at rest, its spring unstretched."""
+        self.place_m, self.velocity_mps = list(position_m), [0.0] * len(position_m)
+        self.intention.begin(position_m)
+        for known in self.partners.values():
+            known.model, known.since_s = Model(position_m), 0.0
+
+    def _rendered(self) -> tuple[float, float]:
+        """Return K and B that the device carries."""
+        K, B = self._spring
+        damping = min(B, self.carried_nspm)
+        stiffness = min(K, self.carried_nspm / self._lag_s if self._lag_s else inf)
+        self.reduced = stiffness < K or damping < B
+        return stiffness, damping
+
+    def _step(self, position_m: Sequence[float], velocity_mps: Sequence[float], K: float, B: float) -> None:
+        """Step copy and models by a tick."""
+        T, place, velocity = self._tick_s, self.place_m, self.velocity_mps
+        assert place is not None
+        self._here_s += T
+        models = [self._aged(known) for known in self.partners.values() if known.intent is not None]
+        for axis in range(len(place)):
+            own = position_m[axis], velocity_mps[axis]
+            place[axis], velocity[axis] = step_object(
+                axis, T, (place[axis], velocity[axis]), self._mass_kg, self._damping_nspm, (K, B), models, own
+            )
+
+    def _aged(self, known: Known) -> Model:
+        """Return a partner's model for the next tick."""
+        intent, model = known.intent, known.model
+        assert intent is not None
+        known.age_s += self._tick_s
+        known.since_s += self._tick_s
+        left = max(0.0, 1.0 - max(0.0, known.silent_s - SILENT_S) / SILENT_S)
+        there = min(1.0, known.since_s / GROW_S)
+        model.stiffness_npm = intent.stiffness_npm * left * there
+        model.intention_m = ahead(intent.intention_m, intent.rate_mps, known.age_s)
+        return model
+
+    def _yield(self, position_m: Sequence[float], stretch: Sequence[float], part: float, ticks: int) -> None:
+        """Move the copy to where the gate lets it be, and let its speed be no more than that move."""
+        place = self.place_m
+        assert place is not None
+        for axis, x in enumerate(position_m):
+            before = place[axis]
+            place[axis] = x - part * stretch[axis]
+            moved = self.velocity_mps[axis] + (place[axis] - before) / (ticks * self._tick_s)
+            kept = self.velocity_mps[axis]
+            if moved * kept < 0.0:
+                self.velocity_mps[axis] = 0.0
+            elif abs(moved) < abs(kept):
+                self.velocity_mps[axis] = moved
+
+    # Messages
+
+    def message(
+        self, session: int, clock: MessageClock, now_ns: int, origin_m: Row, position_m: Row, velocity_mps: Sequence[float],
+        handle: Handle | None = None,
+    ) -> bytes:  # fmt: skip
+        offset = clock.offset_ns
+        self._clock_ns = now_ns + offset if offset is not None else 0
+        intents: tuple[Intent, ...] = ()
+        if self.place_m is not None:
+            own, stiffness = self.intention, HAND_NPM * self._hold * min(1.0, self._here_s / GROW_S)
+            intents = (Intent(
+                self._seat.seat, self._clock_ns, tuple(own.place_m), tuple(own.rate_mps), stiffness, self.gate.donated_j,
+            ),)  # fmt: skip
+        return encode(Partner(
+            session, self._number, position_m, tuple(velocity_mps), intents, self._receiver.acknowledged, clock.stamp(now_ns),
+            handle,
+        ))  # fmt: skip
+
+    def receive(self, message: Partner) -> bool:
+        if not message.of_axes(len(self.still)):
+            return False
+        return self._receiver.receive(message)

@@ -1,0 +1,117 @@
+"""Energy gate at one's own spring (theory 5b): no hand gets more than it has put in, was given, and the budget of its seat.
+
+Symbols: s stretch of the spring [m], K its stiffness, F_d its damper's force, v velocity of the hand, T tick. Energies in J:
+
+    W      work of the hand, sum of F (x_{k+1} - x_k)
+    b      E_0 + W - Don + Cred + Refill - Spill        f = b - K s^2 / 2, what is free
+
+    (1) |s| is cut to sqrt(2 max(0, b - (1 - T / tau_s) max(0, f before)) / K)
+    (2) a damper that pushes is cut to what f pays for within tau_s; where b < 0 the damper alone acts, against the hand, until
+        it has given something out all the same: then nothing does before b is 0 again
+    (3) what f is above the cap is spilt, above E_0 it is donated, within 50 ms: the counter Don goes to all partners
+    (4) a partner credits the growth of the largest counter that it has seen, each its part of it
+
+So b >= -eps, the take of two ticks, and over all people sum W >= -sum (E_0 + Refill) - sum eps, whatever hands, models, delays,
+losses, order and numbers of people do: nothing of them is in it.
+"""
+
+from collections.abc import Sequence
+from math import sqrt
+
+from cogrip.machine.addition import add_floats
+from cogrip.protocol.line.energy_sums import CompensatedSum
+
+BUDGET_J = 0.05  # E_0 of a person
+CAP_J = BUDGET_J + 0.1  # most free energy
+FADE_S = 0.02  # tau_s
+DONATED_S = 0.05  # time in which what is above E_0 is donated
+DAMPER_MPS = 0.1  # least speed for which a damper that pushes is paid
+AHEAD = 1.5  # part of the hand's own speed for which it is
+REFILL_W = 0.02  # refill of a hand that rests
+REST_MPS = 0.01
+REST_S = 0.25
+
+
+class SpringGate:
+    """Ledger of one person.
+
+    work       W
+    donated_j  Don, a counter that only grows
+    gated      ticks in which the force was reduced, of `ticks`
+    """
+
+    def __init__(self, tick_s: float) -> None:
+        self._tick_s = tick_s
+        self.work = CompensatedSum()
+        self.donated_j = self.credited_j = self.refilled_j = self.spilt_j = 0.0
+        self._free_before_j = BUDGET_J
+        self._rested_s = 0.0
+        self._worked_j = 0.0  # W at the tick before
+        self._below = self._gave_out = False  # b is below 0, and has fallen on since
+        self.ticks = self.gated = 0
+
+    @property
+    def granted_j(self) -> float:
+        """Return all that came in but by the hand itself, less what was given away [J]."""
+        return BUDGET_J + self.credited_j + self.refilled_j - self.donated_j - self.spilt_j
+
+    @property
+    def budget_j(self) -> float:
+        """Return b [J]."""
+        return self.work.value + self.granted_j
+
+    def credit(self, energy_j: float) -> None:
+        """Enter what a partner has donated [J]."""
+        self.credited_j += energy_j
+
+    def cut(self, stretch_m: Sequence[float], stiffness_npm: float) -> float:
+        """Return the part of a stretch that may stay, of 1: step (1)."""
+        if not stiffness_npm:
+            return 1.0
+        kept = max(0.0, self._free_before_j) * (1.0 - self._tick_s / FADE_S)
+        most = 2.0 * max(0.0, self.budget_j - kept) / stiffness_npm
+        square = add_floats([each * each for each in stretch_m])
+        return 1.0 if square <= most else sqrt(most / square)
+
+    def pay(
+        self, stretch_m: Sequence[float], stiffness_npm: float, damper_n: Sequence[float], velocity_mps: Sequence[float],
+        damping_nspm: float,
+    ) -> Sequence[float]:  # fmt: skip
+        """Return the damper's force that may act, and settle the tick: steps (2), (3) and the refill at rest."""
+        stored = 0.5 * stiffness_npm * add_floats([each * each for each in stretch_m])
+        self.ticks += 1
+        speed = sqrt(add_floats([each * each for each in velocity_mps]))
+        self._refill(speed, stored)
+        free = self.budget_j - stored
+        power = add_floats([force * rate for force, rate in zip(damper_n, velocity_mps, strict=True)])
+        worked, self._worked_j = self.work.value - self._worked_j, self.work.value
+        if self.budget_j < 0.0:
+            self._gave_out = self._gave_out or (self._below and worked < 0.0)
+            self._below = True
+            damper_n = [0.0 if self._gave_out else damping_nspm * rate for rate in velocity_mps]
+            self.gated += 1
+            self._free_before_j = free
+            return damper_n
+        self._below = self._gave_out = False
+        if power < 0.0:
+            size = sqrt(add_floats([each * each for each in damper_n]))
+            take = size * max(AHEAD * speed, DAMPER_MPS) * FADE_S
+            if take > free:
+                part = max(0.0, free) / take
+                damper_n = [part * each for each in damper_n]
+                self.gated += 1
+        if free > CAP_J:
+            self.spilt_j += free - CAP_J
+            free = CAP_J
+        if free > BUDGET_J:
+            given = (free - BUDGET_J) * min(1.0, self._tick_s / DONATED_S)
+            self.donated_j += given
+            free -= given
+        self._free_before_j = free
+        return damper_n
+
+    def _refill(self, speed_mps: float, stored_j: float) -> None:
+        self._rested_s = self._rested_s + self._tick_s if speed_mps < REST_MPS else 0.0
+        missing = BUDGET_J - (self.budget_j - stored_j)
+        if self._rested_s >= REST_S and missing > 0.0:
+            self.refilled_j += min(REFILL_W * self._tick_s, missing)

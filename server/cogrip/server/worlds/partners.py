@@ -1,0 +1,83 @@
+"""A free object that the server steps with a model of every hand about its intention (`coupling.kind = "partner"`, theory 5b).
+
+It owns the object's place; each client steps a copy of its own. Inputs and answers are those of `ports.partner_port`.
+"""
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from cogrip.protocol.laws.partner_model import Model, step_object
+from cogrip.protocol.settings.seat import SeatSettings
+from cogrip.server.worlds.world import Array, HandWorld
+
+STEPS_A_FRAME = 8  # steps of object and models in a frame
+
+
+class PartnersWorld(HandWorld):
+    """`hand` is where each model's device is, in the object's frame; `speed` how fast it goes."""
+
+    kept = ("speed",)
+    inputs_per_axis = 6
+
+    def __init__(self, seats: Sequence[SeatSettings]) -> None:
+        super().__init__(seats)
+        self.speed = np.zeros_like(self.hand)
+
+    def join(self, user: int, position_m: Array) -> None:
+        super().join(user, position_m)
+        self.speed[user] = 0.0
+
+    def leave(self, user: int) -> None:
+        super().leave(user)
+        self.speed[user] = 0.0
+
+    def step(self, inputs: Array) -> Array:
+        axes, users = self.axes, len(self.holding)
+        rows = inputs.reshape(users, 6, axes)
+        here = rows[:, :2] - self.offset[:, None, :]  # intentions, now and as they were told, in the object's frame
+        held = np.flatnonzero(self.holding).tolist()
+        models = []
+        for user in held:
+            model = Model(self.hand[user].tolist())
+            model.velocity_mps = self.speed[user].tolist()
+            model.intention_m, model.stiffness_npm = here[user, 0].tolist(), float(rows[user, 3, 0])
+            models.append(model)
+        place, velocity = self.position.tolist(), self.velocity.tolist()
+        work = np.zeros(users)
+        if held:
+            # All springs are those of the room: the first person's stands for them.
+            K, B = float(self.target_stiffness[held[0], 0]), float(self.target_damping[held[0], 0])
+            for _ in range(STEPS_A_FRAME):
+                before = [list(model.place_m) for model in models]
+                for axis in range(axes):
+                    place[axis], velocity[axis] = step_object(
+                        axis, self.frame_s / STEPS_A_FRAME, (place[axis], velocity[axis]), self.mass_kg,
+                        self.object_damping, (K, B), models,
+                    )  # fmt: skip
+                for user, model, was in zip(held, models, before, strict=True):
+                    for axis in range(axes):
+                        force = K * (model.place_m[axis] - place[axis]) + B * (
+                            model.velocity_mps[axis] - velocity[axis]
+                        )
+                        self.force[user, axis] = force
+                        work[user] += force * (model.place_m[axis] - was[axis])
+            self.stiffness[held], self.damping[held] = K, B
+        else:
+            place = [at + self.frame_s * rate for at, rate in zip(place, velocity, strict=True)]
+        self.position, self.velocity = np.array(place), np.array(velocity)
+        for user, model in zip(held, models, strict=True):
+            self.hand[user], self.speed[user] = model.place_m, model.velocity_mps
+        self._count_work(work)
+        return self._answers(rows, here)
+
+    def _answers(self, rows: Array, here: Array) -> Array:
+        """Return object and partners in each hand's own frame."""
+        users = len(self.holding)
+        seen = self.position + self.offset
+        told = np.concatenate((here[:, 1:2], rows[:, 2:]), axis=1)  # (users, 5, axes)
+        told[~self.holding] = 0.0
+        answers = np.broadcast_to(told, (users, *told.shape)).copy()
+        answers[:, :, 0] += self.offset[:, None, :]
+        flat = answers.reshape(users, -1)
+        return np.concatenate((seen, np.broadcast_to(self.velocity, seen.shape), flat), axis=1)

@@ -1,0 +1,82 @@
+"""The gate at a hand's own spring: whatever forces, hands, losses and people do, nobody gets more than the law says."""
+
+from random import Random
+
+from hypothesis import given
+from hypothesis import strategies as st
+
+from cogrip.client.coupling.spring_gate import BUDGET_J, CAP_J, SpringGate
+
+TICK_S = 1.0 / 1024.0
+
+
+def tick(gate: SpringGate, random: Random, stiffness: float, damping: float, most_mps: float) -> float:
+    """Let a copy go anywhere, and the hand then anywhere within its speed. Return what that tick took beyond what was free."""
+    stretch = [random.uniform(-0.2, 0.2) for _ in range(3)]
+    velocity = [random.uniform(-most_mps, most_mps) for _ in range(3)]
+    part = gate.cut(stretch, stiffness)
+    stretch = [part * each for each in stretch]
+    damper = [damping * (rate - random.uniform(-2.0, 2.0)) for rate in velocity]
+    paid = gate.pay(stretch, stiffness, damper, velocity, damping)
+    force = [stiffness * each + more for each, more in zip(stretch, paid, strict=True)]
+    moved = [random.uniform(-most_mps, most_mps) * TICK_S for _ in range(3)]
+    work = sum(f * step for f, step in zip(force, moved, strict=True))
+    gate.work.add(work)
+    return max(0.0, -work)
+
+
+@given(st.integers(0, 2**32), st.floats(10.0, 5000.0), st.floats(0.0, 30.0), st.floats(0.01, 2.0))
+def test_a_hand_gets_no_more_than_it_put_in_its_budget_and_the_take_of_two_ticks(
+    seed: int, stiffness: float, damping: float, most_mps: float
+) -> None:
+    gate, random = SpringGate(TICK_S), Random(seed)
+    most = 0.0
+    for _ in range(400):
+        most = max(most, tick(gate, random, stiffness, damping, most_mps))
+        assert gate.budget_j >= -2.0 * most - 1e-12
+        assert gate.work.value >= -(BUDGET_J + gate.refilled_j + gate.credited_j) - 2.0 * most - 1e-12
+
+
+@given(st.integers(0, 2**32), st.integers(2, 5), st.floats(0.0, 0.9))
+def test_all_hands_together_get_no_more_than_their_budgets(seed: int, people: int, loss: float) -> None:
+    """Counters are lost, kept back and repeated; each receiver credits the growth of the largest that it has seen."""
+    random, gates = Random(seed), [SpringGate(TICK_S) for _ in range(people)]
+    credited = [[0.0] * people for _ in range(people)]
+    under_way: list[tuple[int, float]] = []
+    most = [0.0] * people
+    for _ in range(300):
+        most = [max(each, tick(gate, random, 1000.0, 10.0, 0.5)) for each, gate in zip(most, gates, strict=True)]
+        under_way += [(number, gate.donated_j) for number, gate in enumerate(gates)]
+        random.shuffle(under_way)
+        for sender, counter in under_way[: random.randint(0, len(under_way))]:
+            for receiver, gate in enumerate(gates):
+                grown = counter - credited[receiver][sender]
+                if receiver != sender and grown > 0.0 and random.random() >= loss:
+                    gate.credit(grown / (people - 1))
+                    credited[receiver][sender] = counter
+        under_way = under_way[-3 * people :]
+        whole = sum(gate.work.value + BUDGET_J + gate.refilled_j for gate in gates)
+        assert whole >= -2.0 * sum(most) - 1e-9
+
+
+def test_what_is_free_above_the_budget_is_given_away_and_above_the_cap_lost() -> None:
+    gate = SpringGate(TICK_S)
+    gate.work.add(0.3)
+    gate.pay([0.0], 1000.0, [0.0], [0.1], 10.0)
+    assert gate.spilt_j == 0.3 + BUDGET_J - CAP_J
+    before = gate.donated_j
+    for _ in range(1024):
+        gate.pay([0.0], 1000.0, [0.0], [0.1], 10.0)
+    assert before < gate.donated_j <= CAP_J - BUDGET_J
+    assert abs(gate.budget_j - BUDGET_J) < 1e-6
+
+
+def test_a_hand_at_rest_is_refilled_slowly_and_no_other() -> None:
+    resting, moving = SpringGate(TICK_S), SpringGate(TICK_S)
+    for gate in (resting, moving):
+        gate.work.add(-BUDGET_J)
+    for _ in range(1024):
+        resting.pay([0.0], 1000.0, [0.0], [0.0], 10.0)
+        moving.pay([0.0], 1000.0, [0.0], [0.05], 10.0)
+    assert 0.014 < resting.refilled_j <= 0.02 * 0.76
+    assert moving.refilled_j == 0.0

@@ -1,0 +1,57 @@
+"""The port of partners' models: intentions go on to the others, and what a hand says that it donates is bounded."""
+
+import numpy as np
+import pytest
+
+from cogrip.protocol.settings.room import resolve, seat_settings
+from cogrip.protocol.wire.clock import MessageClock
+from cogrip.protocol.wire.messages import Intent, Partner, Stamp, decode
+from cogrip.server.ports.partner_port import DonationLimiter, PartnerPort
+from cogrip.server.ports.seat_limits import SeatLimits
+from cogrip.server.worlds.partners import PartnersWorld
+
+FRAME_S = 1.0 / 128.0
+
+
+def test_a_hand_that_claims_any_donation_passes_its_power_alone() -> None:
+    limiter = DonationLimiter(FRAME_S, SeatLimits(power_w=10.0))
+    told = [limiter.limit(1e6 * step) for step in range(1280)]
+    assert told == sorted(told)
+    early, late = told[128], told[-1]
+    assert late - early == pytest.approx(10.0 * 1151 * FRAME_S, rel=1e-9)
+    assert limiter.counts["power limited"] > 1000
+
+
+def test_an_honest_hand_is_passed_whole_and_from_where_it_began() -> None:
+    limiter = DonationLimiter(FRAME_S, SeatLimits(power_w=10.0))
+    limiter.limit(5.0)  # of a session before
+    for step in range(200):
+        limiter.limit(5.0 + 0.01 * step)
+    assert limiter.passed_j == pytest.approx(1.99)
+    limiter.limit(1.0)  # an older message
+    assert limiter.passed_j == pytest.approx(1.99)
+
+
+def test_an_intention_goes_to_the_others_in_their_frames_and_stamped_as_it_came() -> None:
+    settings = resolve({
+        "coupling": {"kind": "partner"}, "object": {"axes": 2}, "users": [{"name": "a"}, {"name": "b"}, {"name": "c"}],
+    })  # fmt: skip
+    seats = [seat_settings(settings, number) for number in range(3)]
+    world, ports = PartnersWorld(seats), [PartnerPort(seat, SeatLimits()) for seat in seats]
+    hands = (0.5, 0.5), (0.1, -0.2)
+    for number, place in enumerate(hands):
+        intent = Intent(number, 7_000_000_000, place, (0.25, 0.0), 150.0, 0.0)
+        assert ports[number].receive(Partner(1, 0, place, (0.0, 0.0), (intent,), 0, Stamp(1)), 0)
+        world.join(number, np.array(place))
+    rows = [port.pop(1) for port in ports[:2]] + [(0.0,) * 12]
+    answers = world.advance(rows)
+    ports[0].push(tuple(answers[0]))
+    told = decode(ports[0].message(1, MessageClock(), 0, (0.0,) * 4, 0.0))
+    assert isinstance(told, Partner)
+    (only,) = told.intents
+    assert (only.seat, only.made_ns, only.stiffness_npm) == (1, 7_000_000_000, 150.0)
+    assert only.intention_m == pytest.approx(
+        hands[0]
+    )  # b is at rest where it took hold: at a's own place, in a's frame
+    assert only.rate_mps == (0.25, 0.0)
+    assert told.position_m == pytest.approx(hands[0], abs=1e-3)
