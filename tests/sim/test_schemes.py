@@ -46,7 +46,7 @@ def test_the_client_in_c_reads_every_kind_of_a_welcome() -> None:
 
 
 def test_a_kind_is_named_in_tables_alone() -> None:
-    name = f'"(?:{"|".join(KINDS)})"'
+    name = f'"(?:{"|".join((*KINDS, *OBJECT_KINDS))})"'
     asked = re.compile(rf'\bkind (?:[!=]= |in [(\[{{](?:"\w*", ?)*){name}|\{{{name}:[^\n]*\}}\.get\(')
     found = {
         str(path.relative_to(ROOT))

@@ -154,7 +154,7 @@ def overloads(settings: Settings) -> tuple[str, ...]:
 def unbounded(settings: Settings | SeatSettings) -> tuple[str, ...]:
     """Return why a scene may shake its hands, () where waves drive it: then its limiter bounds what comes out."""
     kind = settings.coupling.kind
-    if settings.object.kind != "scene" or settings.coupling.traits.waves:
+    if not settings.object.traits.scene or settings.coupling.traits.waves:
         return ()
     text = (
         f'coupling.kind = "{kind}": nothing bounds the energy that a scene makes under it, and no model tells whether it is '

@@ -1,4 +1,4 @@
-"""Changes of one setting that would help, by the model, the best first; `sim/session/laboratory_check.py` tries them."""
+"""Changes of one setting that would help, by the model, the best first; `laboratory_check` tries them."""
 
 from __future__ import annotations
 
@@ -233,7 +233,7 @@ def candidates_of(settings: Settings, now: Advice) -> Iterator[tuple[str, Any]]:
         yield "coupling.decimator", "boxcar"
     if not coupling.compensate:
         yield "coupling.compensate", True
-    if settings.object.kind == "wall" and not coupling.traits.local:
+    if settings.object.traits.fixed and not coupling.traits.local:
         yield "coupling.kind", "local"  # what gives way to many people is, in the end, as soft as their lines
     yield "coupling.impedance_nspm", rounded_down(min(user.largest_impedance_nspm for user in now.users))
     b = coupling.impedance_nspm

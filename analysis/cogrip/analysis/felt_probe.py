@@ -94,7 +94,7 @@ def balanced_loads(settings: Settings) -> Sequence[float] | None:
     users, kind = settings.users, settings.object.kind
     if not kind_of(kind).spring:
         return None
-    if kind == "cube":
+    if kind_of(kind).held:
         signs = [1.0 if number % 2 == 0 else -1.0 for number in range(len(users))]
     else:
         signs = [1.0 if user.side == "left" else -1.0 for user in users]

@@ -1,7 +1,7 @@
 """Sessions in virtual time that check advice before it is given: they include what the linear model leaves out.
 
 session   the settings as they stand, with their own hands and devices: passive and stable?
-felt      a static load on the same link (`methods/felt.py`), once a seed: stiffness at rest, jitter and loss included
+felt      a static load on the same link (`felt_probe`), once a seed: stiffness at rest, jitter and loss included
 """
 
 from __future__ import annotations

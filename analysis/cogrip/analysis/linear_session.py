@@ -244,9 +244,10 @@ def _session(seat: SeatSettings, people: Sequence[LinearPerson]) -> LinearSessio
             f'object.kind = "{kind}" has no linear model: its world alone says how it moves; try it with `cogrip lab`'
         )
     local = seat.coupling.traits.local
-    if kind == "faces" and scheme != "passive" and not local:
+    traits = kind_of(kind)
+    if traits.one_sided and not traits.fixed and scheme != "passive" and not local:
         raise ModelError(
-            f'scheme "{scheme}" does not fit object.kind = "faces": there contact comes and goes, and for a step that is '
+            f'scheme "{scheme}" does not fit object.kind = "{kind}": there contact comes and goes, and for a step that is '
             "not passive a model of lasting contact would promise too much; "
             'use object.kind = "cube" or "wall", or scheme "passive"'
         )
@@ -254,8 +255,8 @@ def _session(seat: SeatSettings, people: Sequence[LinearPerson]) -> LinearSessio
         scheme=scheme,
         frame_s=seat.rates.frame_s,
         people=tuple(people),
-        fixed=local or kind == "wall",  # to a client its own contact is hardest where the face behind it stands still
-        midpoint=kind == "cube",
+        fixed=local or traits.fixed,  # to a client its own contact is hardest where the face behind it stands still
+        midpoint=traits.held,
         object_mass_kg=seat.object.mass_kg,
         object_damping_nspm=seat.object.damping_nspm,
         local=local,

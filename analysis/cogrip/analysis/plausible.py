@@ -155,7 +155,9 @@ def _push(name: str, hand: PushHand, record: Capability) -> Iterator[Finding]:
 
 
 def _masses(settings: Settings) -> Iterator[Finding]:
-    masses = [("object.mass_kg", settings.object.mass_kg, settings.object.kind in ("cube", "faces"))]
+    masses = [
+        ("object.mass_kg", settings.object.mass_kg, settings.object.traits.spring and not settings.object.traits.fixed)
+    ]
     for number, user in enumerate(settings.users):
         with suppress(DeviceError):  # said where the device is opened
             mass_kg = make_for(user, seat_axes(settings, user)).capability.apparent_mass_kg

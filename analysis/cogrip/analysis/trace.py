@@ -100,7 +100,7 @@ class TraceRecorder:
         moved = np.diff(place, axis=0, prepend=np.zeros((1, axes)))
         kinetic = 0.5 * world.moving_kg * (speed * speed).sum(axis=1)
         damped = settings.object.damping_nspm / frame_s * np.cumsum((moved * moved).sum(axis=1))
-        scene = settings.object.kind == "scene"
+        scene = settings.object.traits.scene
         return SessionTrace(
             frame_s,
             np.array(self._forces).reshape(-1, people, axes),

@@ -1,5 +1,4 @@
-"""Drawing of a session, the same for every viewer: colours of people, sizes of objects, the points where people hold them,
-shapes of a scene's bodies."""
+"""Shapes that bodies are drawn of, as messages and recordings have them: their kinds, bounds, and how surfaces are packed."""
 
 from collections.abc import Sequence
 from struct import Struct, iter_unpack

@@ -33,7 +33,7 @@ def colour(seat: int) -> str:
 
 def object_size_m(kind: str) -> Vector:
     """Return the size at which an object of the settings' kind is drawn."""
-    return _WALL_M if kind == "wall" else _CUBE_M
+    return _WALL_M if kind_of(kind).fixed else _CUBE_M
 
 
 def anchors_m(kind: str, sides: Sequence[str]) -> list[Vector]:
@@ -41,7 +41,7 @@ def anchors_m(kind: str, sides: Sequence[str]) -> list[Vector]:
 
     A cube is gripped from anywhere: where all are said to be on one side they take turns.
     """
-    if kind == "cube" and len(set(sides)) == 1:
+    if kind_of(kind).held and len(set(sides)) == 1:
         sides = [("left", "right")[seat % 2] for seat in range(len(sides))]
     if not kind_of(kind).spring:  # the tool itself
         return [(0.0, 0.0, 0.0)] * len(sides)

@@ -42,7 +42,7 @@ def make_wave_world(seats: Sequence[SeatSettings]) -> World:
     first = seats[0]
     if first.coupling.server_step == "paper":
         return PaperWorld(seats)
-    if first.object.kind == "cube" and len(seats) * first.object.axes <= MOST:
+    if first.object.traits.held and len(seats) * first.object.axes <= MOST:
         return SmallGripWorld(seats)
     return world_class_of(first.object.kind).make(seats)
 
@@ -105,6 +105,6 @@ def make_scene_world(settings: Settings, seats: Sequence[SeatSettings]) -> World
 def make_room_world(settings: Settings, seats: Sequence[SeatSettings]) -> World:
     """Return the world of a room. Raises SceneError for a scene that cannot be used; WorldKindError, WorldError for a world."""
     kind = settings.object.kind
-    if kind == "scene":
+    if settings.object.traits.scene:
         return make_scene_world(settings, seats)
     return make_world(seats) if kind in KINDS else make_guarded(kind, seats)

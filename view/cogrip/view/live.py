@@ -10,7 +10,7 @@ from cogrip.machine.addition import add_floats
 from cogrip.protocol.axes import PLACES
 from cogrip.protocol.drawing import Shape
 from cogrip.protocol.scene_words import as_sentence
-from cogrip.protocol.session_drawing import LEAST_DRAWN_N, anchors_m, object_size_m
+from cogrip.protocol.session_drawing import LEAST_DRAWN_N, anchors_m
 from cogrip.protocol.settings.effects import Effect, drawn_effect
 from cogrip.protocol.settings.seat import SeatSettings
 from cogrip.protocol.texts import shown
@@ -21,23 +21,18 @@ from cogrip.view import frames
 from cogrip.view.frames import PersonFrame, SceneFrame
 from cogrip.view.scene import (
     WORKSPACE_M,
-    DrawnObject,
     Geometry,
     PageScene,
     SceneEvent,
     ScenePerson,
     colour,
+    scene_object,
     turn_of,
     workspace_of,
 )
 
 KEPT_STEPS = 512  # steps that are kept of the object's path, for what a person far away is still shown
 LOSS_S = 1.0
-
-
-def scene_object(kind: str, mass_kg: float) -> DrawnObject:
-    """Return the object of a kind as it is drawn."""
-    return DrawnObject(kind, "wall" if kind == "wall" else "box", object_size_m(kind), mass_kg)
 
 
 class LiveScene:
@@ -182,7 +177,7 @@ class LiveScene:
 
     def _scene(self) -> PageScene:
         given = self._settings
-        axes, wall = min(given.object.axes, PLACES), given.object.kind == "wall"
+        axes, wall = min(given.object.axes, PLACES), given.object.traits.fixed
         geometry = (Geometry("plane", (0.0, 0.0, 0.0), (1.0, 0.0, 0.0), (0.0, 0.2, 0.2)),) if wall else ()
         people = []
         held_at = anchors_m(given.object.kind, ["left"] * (1 + max(self.people, default=0)))

@@ -23,7 +23,7 @@ from cogrip.protocol.recording.derived import offset_of
 from cogrip.protocol.recording.reader import RecordingError
 from cogrip.protocol.recording.records import Geoms, Number, Poses, Row, SeatStep, Step, Tick
 from cogrip.protocol.scene_words import as_sentence, left_out_words
-from cogrip.protocol.session_drawing import LEAST_DRAWN_N, anchors_m, object_size_m
+from cogrip.protocol.session_drawing import LEAST_DRAWN_N, anchors_m
 from cogrip.protocol.settings.effects import drawn_effect
 from cogrip.protocol.settings.sections import Settings
 from cogrip.protocol.texts import shown
@@ -38,11 +38,11 @@ from cogrip.view.frames import PersonFrame, SceneFrame
 from cogrip.view.recorded_events import client_event, server_event
 from cogrip.view.scene import (
     WORKSPACE_M,
-    DrawnObject,
     PageScene,
     SceneEvent,
     ScenePerson,
     colour,
+    scene_object,
     turn_of,
     workspace_of,
 )
@@ -160,7 +160,7 @@ class RecordedView:
         room = settings.name if self._server or client is None else client.end.recording.header.room
         return PageScene(
             room, "recording", axes, settings.rates.network_hz, settings.rates.device_hz,
-            DrawnObject(kind, "wall" if kind == "wall" else "box", object_size_m(kind), settings.object.mass_kg), tuple(people),
+            scene_object(kind, settings.object.mass_kg), tuple(people),
             note=shown(" ".join(self._notes)), duration_s=duration_s, chunks=int(duration_s // CHUNK_S) + 1,
             events=events, geoms=self._geoms.shapes,
             effects=tuple([shape for effect in settings.effects for shape in drawn_effect(effect)]),

@@ -10,6 +10,8 @@ import msgspec
 from cogrip.devices.web.messages import Vector
 from cogrip.protocol.drawing import Shape
 from cogrip.protocol.session_drawing import colour as colour
+from cogrip.protocol.session_drawing import object_size_m
+from cogrip.protocol.settings.object_kinds import kind_of
 from cogrip.protocol.wire.messages import Pose
 
 Mode = Literal["live", "recording"]
@@ -43,6 +45,11 @@ class DrawnObject(msgspec.Struct, frozen=True):
     shape: Literal["box", "sphere", "wall"]
     size_m: Vector
     mass_kg: float
+
+
+def scene_object(kind: str, mass_kg: float) -> DrawnObject:
+    """Return the object of a kind as it is drawn."""
+    return DrawnObject(kind, "wall" if kind_of(kind).fixed else "box", object_size_m(kind), mass_kg)
 
 
 class Geometry(msgspec.Struct, frozen=True):

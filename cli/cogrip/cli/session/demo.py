@@ -175,7 +175,7 @@ def _conclude(settings: Settings, folder: Path, failed: dict[str, str], stop: St
     for name, how in failed.items():
         console.print(f"{name}: {how}; see {_log(folder, name)}")
     travel = summary["object"]["travel_m"]  # None where the server left no account of the object
-    fixed = settings.object.kind == "scene" or kind_of(settings.object.kind).fixed
+    fixed = settings.object.traits.scene or kind_of(settings.object.kind).fixed
     moved = fixed or (travel is not None and travel > MOVED_M)
     reached = (task := task_of(summary)) is None or task.get("reached") is True
     if not moved and travel is not None:

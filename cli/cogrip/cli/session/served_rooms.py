@@ -111,6 +111,6 @@ def _advice_on(settings: Settings) -> tuple[str, ...]:
     from cogrip.analysis.linear_session import ModelError
 
     try:
-        return scene_warnings(settings) if settings.object.kind == "scene" else advise(settings).warnings
+        return scene_warnings(settings) if settings.object.traits.scene else advise(settings).warnings
     except (ModelError, DeviceError) as error:
         return (f"no advice: {error}",)

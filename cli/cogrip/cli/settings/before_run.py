@@ -122,7 +122,7 @@ def advice_on(settings: Settings) -> tuple[tuple[str, ...], tuple[str, ...]]:
 
 def _makes_energy(settings: Settings) -> tuple[str, ...]:
     """Return why a scene is refused that sets contact of its own, and makes energy in a few pushes."""
-    if settings.object.kind != "scene":
+    if not settings.object.traits.scene:
         return ()
     from cogrip.analysis.scene_pushed import FEW, pushed, sets_contact  # with MuJoCo
 
@@ -135,7 +135,7 @@ def _makes_energy(settings: Settings) -> tuple[str, ...]:
 
 def scene_warnings(settings: Settings) -> tuple[str, ...]:
     """Return what `cogrip advise` warns of in a scene, of which there is no linear model; nothing of other objects."""
-    if settings.object.kind != "scene":
+    if not settings.object.traits.scene:
         return ()
     from cogrip.analysis.scene_advice import scene_findings  # with MuJoCo
 
@@ -145,7 +145,7 @@ def scene_warnings(settings: Settings) -> tuple[str, ...]:
 
 def scene_notes(settings: Settings) -> tuple[str, ...]:
     """Return what those who hold or look at a scene are told of it; nothing of other objects. Raises BadInput."""
-    if settings.object.kind != "scene":
+    if not settings.object.traits.scene:
         return ()
     from cogrip.server.schemes import make_scene_world  # with MuJoCo
 

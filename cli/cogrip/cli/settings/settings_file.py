@@ -224,7 +224,7 @@ def _try_world(settings: Settings, where: str) -> None:
 
 def _try_scene(settings: Settings, where: str) -> None:
     """Raise BadInput for a scene that cannot be used, before anything is started."""
-    if settings.object.kind == "scene":
+    if settings.object.traits.scene:
         from cogrip.server.schemes import make_scene_world
         from cogrip.server.worlds.scene_text import SceneError
 

@@ -88,7 +88,7 @@ def advise_command(
 def _without_model(settings: Settings, laboratory: bool, json: Json) -> int:
     """Advise on a scene or a world of one's own: what can be said of devices, line and contact, and what a session shows."""
     with BadInput.of(ValueError):  # a SceneError
-        if settings.object.kind == "scene":
+        if settings.object.traits.scene:
             from cogrip.analysis.scene_advice import scene_findings  # with MuJoCo
             from cogrip.analysis.scene_pushed import pushed
 

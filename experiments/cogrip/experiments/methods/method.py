@@ -14,7 +14,6 @@ from typing import Any
 import msgspec
 
 from cogrip.protocol.settings.network_profiles import PROFILES
-from cogrip.protocol.settings.object_kinds import LOCAL_KINDS
 from cogrip.protocol.settings.room import rates_of, resolve
 from cogrip.protocol.settings.sections import OWN_COUPLING, Settings
 from cogrip.protocol.settings.table import copied
@@ -85,8 +84,8 @@ def methods_of(settings: Settings) -> tuple[str, ...]:
 
     Partners are modelled only where they hold a cube.
     """
-    kind = settings.object.kind
-    kept = {"paper": kind != "scene", "local": kind in LOCAL_KINDS, "partner": kind == "cube"}
+    kind = settings.object.traits
+    kept = {"paper": not kind.scene, "local": kind.local, "partner": kind.held}
     return tuple(name for name in METHODS if kept.get(name, True))
 
 

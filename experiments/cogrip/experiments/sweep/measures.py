@@ -44,7 +44,7 @@ LIFTED: dict[str, Callable[[Settings], float | bool | None]] = {
 
 def defaults(settings: Settings) -> tuple[str, ...]:
     """Return the measures of sessions of such settings where none are named."""
-    return DEFAULT + (SCENE if settings.object.kind == "scene" else ())
+    return DEFAULT + (SCENE if settings.object.traits.scene else ())
 
 
 class MeasureError(ValueError):

@@ -7,5 +7,4 @@ concealment     proposes the wave for a missing frame, and the deficit compensat
 energy_ledger   bounds both proposals, so that no loss makes energy: sum(played^2) <= sum(sent^2) + energy credit
 energy_sums     compensated summation for all ledgers, and the bound on its rounding
 energy_reserve  newest and least reserve of a ledger, as both ends report it
-delays          predicts the delay of a link, stage by stage, and the delay that an adaptive jitter buffer chooses
 """

@@ -16,7 +16,7 @@ def digest(settings: Settings) -> str:
         for user in settings.users
     ]
     shared = [settings.rates.network_hz, settings.object.shared(settings.object.axes), settings.playout, users]
-    if settings.object.kind == "scene":  # a path differs from machine to machine
+    if settings.object.traits.scene:  # a path differs from machine to machine
         shared += [
             _scene(Path(settings.object.file)),
             settings.object.substeps,

@@ -3,7 +3,7 @@
 from collections.abc import Sequence
 
 from cogrip.protocol.axes import GRIP_AXES, PLACES, POSE_AXES
-from cogrip.protocol.settings.object_kinds import KINDS, LOCAL_KINDS, kind_of, unfit_kind
+from cogrip.protocol.settings.object_kinds import KINDS, kind_of, unfit_kind
 from cogrip.protocol.settings.sections import Settings
 from cogrip.protocol.settings.task import unfit
 from cogrip.protocol.settings.types import MOST_PARTNERS, MOST_WAVES, PINCH
@@ -13,11 +13,11 @@ def unfit_object(settings: Settings, compensated: Sequence[str]) -> str:
     """Return why settings do not fit their kind of object, with the cure; "" where they do. compensated: who asks for that."""
     given, coupling = settings.object, settings.coupling
     local = coupling.traits.local
-    if why := unfit(settings.task, given.kind == "scene"):
+    if why := unfit(settings.task, given.traits.scene):
         return why
     if why := unfit_kind(given.kind):
         return f'object.kind = "{given.kind}": {why}'
-    if given.kind != "scene":
+    if not given.traits.scene:
         users = list(enumerate(settings.users))
         own = [(f"object.{key}", getattr(given, key)) for key in ("file", "folder", "script", "keyframe", "ctrl")]
         own += [(f"users.{n}.tool", user.tool) for n, user in users]
@@ -27,7 +27,7 @@ def unfit_object(settings: Settings, compensated: Sequence[str]) -> str:
                 return f'{key} = {value!r} is for object.kind = "scene", not "{given.kind}"; leave one of them out'
         if given.axes > PLACES and given.kind in KINDS:
             return f'object.axes = {given.axes}, but object.kind = "{given.kind}" has at most {PLACES}; lower it'
-    if local and given.kind not in LOCAL_KINDS:
+    if local and not given.traits.local:
         return (
             f'coupling.kind = "{coupling.kind}" renders contact, and with object.kind = "{given.kind}" a client knows none; '
             'set object.kind to "wall", "faces" or "scene", or coupling.kind = "wave"'
@@ -36,7 +36,7 @@ def unfit_object(settings: Settings, compensated: Sequence[str]) -> str:
         return f'coupling.kind = "{coupling.kind}" {why}'
     if kind_of(given.kind).spring:
         return ""
-    scene, step = given.kind == "scene", coupling.server_step
+    scene, step = given.traits.scene, coupling.server_step
     grips = any(user.grips for user in settings.users)
     axes = GRIP_AXES if grips else given.axes
     proxy = PLACES if local and axes == POSE_AXES else 0  # in the room of as many waves (SPEC.md 3.6)
@@ -101,7 +101,7 @@ def unfit_object(settings: Settings, compensated: Sequence[str]) -> str:
 
 def _unfit_cube(settings: Settings) -> str:
     """Return why a room is none of a free object that few hold from all sides, "" where it is."""
-    if settings.object.kind != "cube" or any(user.grips for user in settings.users):
+    if not settings.object.traits.held or any(user.grips for user in settings.users):
         return 'is for a free object that is held from all sides; set object.kind = "cube", or coupling.kind = "wave"'
     if len(settings.users) > MOST_PARTNERS + 1:
         people = len(settings.users)

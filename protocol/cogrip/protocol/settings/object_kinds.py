@@ -1,4 +1,4 @@
-"""Kinds of object, by `object.kind` of the settings, and what both ends need to know of each.
+"""Kinds of object, by `object.kind` of the settings: a row for each, with all that others need to know of it.
 
 A kind is one that comes with cogrip, the name of an entry point of another package, or `python:FILE.py:CLASS`. Only the
 server loads the world of a kind: to a client the name of another one is a text.
@@ -23,23 +23,29 @@ class ObjectKind(NamedTuple):
     one_sided  contact only pushes (theory section 3.4)
     fixed      nobody moves it
     spring     the spring of `coupling` stands between a person and it; else its world alone says how it feels
+    local      clients can render contact with it themselves
+    scene      rigid bodies from a file, with tools, tasks and sensors
     """
 
     one_sided: bool = False
     fixed: bool = False
     spring: bool = True
+    local: bool = False
+    scene: bool = False
+
+    @property
+    def held(self) -> bool:
+        """True where people hold it from all sides, wherever their hands are."""
+        return self.spring and not self.one_sided
 
 
 KINDS = {
     "cube": ObjectKind(),
-    "faces": ObjectKind(one_sided=True),
-    "wall": ObjectKind(one_sided=True, fixed=True),
-    "scene": ObjectKind(spring=False),
+    "faces": ObjectKind(one_sided=True, local=True),
+    "wall": ObjectKind(one_sided=True, fixed=True, local=True),
+    "scene": ObjectKind(spring=False, local=True, scene=True),
 }
 """Kinds that come with cogrip."""
-
-LOCAL_KINDS = ("wall", "faces", "scene")
-"""Kinds whose contact clients can render themselves."""
 
 _FOREIGN = ObjectKind(spring=False)
 

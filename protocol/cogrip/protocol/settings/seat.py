@@ -99,7 +99,7 @@ class SeatSettings(msgspec.Struct, frozen=True, array_like=True):
     def holds_still(self) -> bool:
         """True where a hand can press on what nobody moves: the stiffness that it feels is measured there."""
         kind = self.object.kind
-        return kind_of(kind).fixed or (self.coupling.traits.local and kind == "scene")
+        return kind_of(kind).fixed or (self.coupling.traits.local and kind_of(kind).scene)
 
     @property
     def adapts_stiffness(self) -> bool:

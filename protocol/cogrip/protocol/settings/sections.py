@@ -13,7 +13,7 @@ from cogrip.protocol.settings.coupling import (
 from cogrip.protocol.settings.effects import MOST_EFFECTS, TANK_MJ, EffectSection, EffectTank
 from cogrip.protocol.settings.hand import HandSection
 from cogrip.protocol.settings.link_profile import Link
-from cogrip.protocol.settings.object_kinds import KindText, LocalKindText, shared_kind
+from cogrip.protocol.settings.object_kinds import KindText, LocalKindText, ObjectKind, kind_of, shared_kind
 from cogrip.protocol.settings.rates import DeviceHz, Hz
 from cogrip.protocol.settings.task import Task
 from cogrip.protocol.settings.types import Name, Seconds, Seed, Side
@@ -45,6 +45,11 @@ class Object(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     mass_kg: types.Mass = 0.2
     damping_nspm: types.Damping = 0.0
     axes: Annotated[int, msgspec.Meta(ge=1, le=POSE_AXES)] = 1
+
+    @property
+    def traits(self) -> ObjectKind:
+        """Properties of its kind."""
+        return kind_of(self.kind)
 
 
 class ObjectSection(Object, frozen=True, forbid_unknown_fields=True):

@@ -31,7 +31,7 @@ class LocalPort(WavePort):
         self._reach_m = FASTER * limits.speed_mps * self._frame_s  # in a frame
         self._reported: Row | None = None
         self._absorbed = CompensatedSum()
-        self._always = seat.object.kind != "scene"  # engaged
+        self._always = not seat.object.traits.scene  # engaged
         self._engaged: Row = ()  # as told last
         self._told: Row = ()  # the engagement that was told last
         self._told_ns = 0  # when it was told first
