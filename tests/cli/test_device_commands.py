@@ -192,7 +192,7 @@ def test_list_marks_what_has_not_been_run_on_hardware(cogrip):
 def test_list_shows_every_number_of_axes_that_a_device_gives(cogrip):
     rows = [line.split() for line in cogrip.out("devices").splitlines()]
     axes = {row[0]: row[1] for row in rows if len(row) > 1}
-    shown = {"omega3": "3", "omega7": "3/4", "delta6": "3/6", "sigma7": "3/4/6", "lambda7": "3/4/6"}
+    shown = {"omega3": "3", "omega7": "3/4", "delta6": "3/6", "sigma7": "3-6", "lambda7": "3-6"}
     assert {model: axes[f"forcedimension:0?model={model}"] for model in shown} == shown
 
 

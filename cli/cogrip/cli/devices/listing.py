@@ -152,7 +152,7 @@ def _axes(listing: Listing) -> str:
         with suppress(DeviceError):
             make(listing.address, axes=more)
             axes.append(more)
-    return "/".join(map(str, axes))
+    return "/".join(map(str, axes)) if len(axes) < 3 else f"{axes[0]}-{axes[-1]}"  # in the width of a column
 
 
 def _print_record(listing: Listing, console: Console) -> None:
