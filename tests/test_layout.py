@@ -102,7 +102,7 @@ def test_drivers_are_the_same_in_both_contracts() -> None:
     assert drivers == set(protected["protected_modules"])
     knows_of_stop = {"cogrip.results.laboratory_run"}
     makes_drivers = {"cogrip.devices.*.family"}
-    tries_files = {"cogrip.server.worlds.scene_file"}
+    tries_files = {"cogrip.server.worlds.scenes.scene_file"}
     others = knows_of_stop | makes_drivers | tries_files | {"cogrip.cli", "cogrip.api"}
     assert set(protected["allowed_importers"]) <= drivers | others
 
@@ -198,7 +198,7 @@ NOT_REPLAYED = {  # computed before a session, or from its results
     "devices/cogrip/devices/arm/identification.py", "devices/cogrip/devices/motor_trial.py",
     "devices/cogrip/devices/response.py",
     "server/cogrip/server/worlds/conformance.py",
-    "server/cogrip/server/worlds/scene_file.py",
+    "server/cogrip/server/worlds/scenes/scene_file.py",
 }  # fmt: skip
 
 

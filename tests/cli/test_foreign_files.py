@@ -11,7 +11,7 @@ from cogrip.protocol.recording.reader import RecordingError
 from cogrip.protocol.settings.table import SettingsError
 from cogrip.server.checkpoint import CheckpointError
 from cogrip.server.worlds.registry import WorldKindError
-from cogrip.server.worlds.scene_text import SceneError
+from cogrip.server.worlds.scenes.scene_text import SceneError
 from cogrip.server.worlds.world import WorldError
 from cogrip.sim.delay_trace import TraceError
 

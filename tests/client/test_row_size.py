@@ -5,7 +5,7 @@ from math import dist, hypot, inf, nan, nextafter
 from hypothesis import given
 from hypothesis import strategies as st
 
-from cogrip.client.hand.row_size import change_surely_below, surely_below
+from cogrip.client.rows.row_size import change_surely_below, surely_below
 
 NUMBERS = st.floats(width=64)
 ROWS = st.integers(1, 6).flatmap(lambda axes: st.tuples(*[st.tuples(*[NUMBERS] * axes)] * 2))

@@ -2,8 +2,8 @@
 
 import pytest
 
-from cogrip.client.hand.waiting_hand import MOST_WAIT_S, WaitingHand
 from cogrip.client.markers import OwnMarkers
+from cogrip.client.waiting_hand import MOST_WAIT_S, WaitingHand
 from cogrip.devices.registry import make
 from cogrip.devices.simulated.simulated_device import SimulatedDevice
 from cogrip.protocol.settings.task import EVERYBODY

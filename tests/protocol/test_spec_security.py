@@ -44,7 +44,8 @@ MODULES = (
     "server.io.control", "server.io.datagram_path", "server.io.dtls_channel", "server.io.dtls_peer",
     "server.io.metrics_process", "machine.trial",
     "server.io.loop", "server.rate_limit", "server.room", "server.ports.seat_limits", "server.tokens",
-    "server.worlds.scene_file", "server.worlds.scene_text", "server.worlds.world", "view.io.page_server", "view.io.peer_log",
+    "server.worlds.scenes.scene_file", "server.worlds.scenes.scene_text", "server.worlds.world",
+    "view.io.page_server", "view.io.peer_log",
 )  # fmt: skip
 
 

@@ -6,9 +6,9 @@ from math import inf
 import numpy as np
 
 from cogrip.protocol.settings.room import resolve, seat_settings
-from cogrip.server.worlds.local_scene import LocalSceneWorld
-from cogrip.server.worlds.scene_file import held_by, load_scene, make_scene
-from cogrip.server.worlds.scene_springs import springs_j
+from cogrip.server.worlds.scenes.local_scene import LocalSceneWorld
+from cogrip.server.worlds.scenes.scene_file import held_by, load_scene, make_scene
+from cogrip.server.worlds.scenes.scene_springs import springs_j
 
 from tests.server.scene_worlds import SCENES, SHIPPED, Array, T, port_j
 

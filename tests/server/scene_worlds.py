@@ -12,8 +12,8 @@ from numpy.typing import NDArray
 from cogrip.cli.settings.settings_file import load
 from cogrip.protocol.settings.room import resolve, seat_settings
 from cogrip.server.schemes import make_scene_world
-from cogrip.server.worlds.scene import SceneWorld
-from cogrip.server.worlds.scene_file import held_by, load_scene, make_scene
+from cogrip.server.worlds.scenes.scene import SceneWorld
+from cogrip.server.worlds.scenes.scene_file import held_by, load_scene, make_scene
 
 Array = NDArray[np.float64]
 T, B = 1 / 128, 20.0

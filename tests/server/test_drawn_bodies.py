@@ -22,7 +22,7 @@ from cogrip.server.seats.drawn_bodies import (
 )
 from cogrip.server.seats.observers import VIEWS_HZ
 from cogrip.server.worlds.drawing import Drawing
-from cogrip.server.worlds.scene import SceneWorld
+from cogrip.server.worlds.scenes.scene import SceneWorld
 
 from tests.server.scene_worlds import hold, world_of
 

@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 from cogrip.protocol.settings.room import resolve, seat_settings
-from cogrip.server.worlds.driven_scene import CoupledScene, DrivenScene, PowerScene
-from cogrip.server.worlds.scene_file import Held, make_scene
+from cogrip.server.worlds.scenes.driven_scene import CoupledScene, DrivenScene, PowerScene
+from cogrip.server.worlds.scenes.scene_file import Held, make_scene
 from cogrip.server.worlds.world import Array, WorldError
 
 from tests.server.scene_worlds import T

@@ -4,8 +4,8 @@ import mujoco  # type: ignore[import-untyped]
 import numpy as np
 import pytest
 
-from cogrip.server.worlds.equality_rows import EqualityRows
-from cogrip.server.worlds.scene_springs import springs_j
+from cogrip.server.worlds.scenes.equality_rows import EqualityRows
+from cogrip.server.worlds.scenes.scene_springs import springs_j
 
 from tests.server.scene_worlds import WORST_J, adversary, hold, port_j, world_of_settings
 

@@ -10,8 +10,8 @@ from cogrip.cli.settings.settings_file import load
 from cogrip.cli.settings.shipped_settings import shipped_scene
 from cogrip.protocol.settings.room import resolve
 from cogrip.protocol.settings.sections import Settings
-from cogrip.server.worlds.local_geometry import MOST_LOCAL, LocalGeometry
-from cogrip.server.worlds.local_scene import LocalSceneWorld
+from cogrip.server.worlds.scenes.local_geometry import MOST_LOCAL, LocalGeometry
+from cogrip.server.worlds.scenes.local_scene import LocalSceneWorld
 
 from tests.server.local_worlds import join_all, local_world, report
 

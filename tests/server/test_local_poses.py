@@ -8,8 +8,8 @@ from cogrip.protocol.wire.clock import MessageClock
 from cogrip.protocol.wire.messages import Stamp, Waves
 from cogrip.server.ports.local_port import LocalPort
 from cogrip.server.ports.seat_limits import SeatLimits
-from cogrip.server.worlds.local_scene import LocalSceneWorld
-from cogrip.server.worlds.scene_text import SceneError
+from cogrip.server.worlds.scenes.local_scene import LocalSceneWorld
+from cogrip.server.worlds.scenes.scene_text import SceneError
 
 from tests.extent import long
 from tests.server.local_worlds import holds_no_more, join_all, local_world, report

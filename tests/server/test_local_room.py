@@ -14,7 +14,7 @@ from cogrip.protocol.wire.messages import Geom, Stamp, Waves
 from cogrip.server.ports.local_port import LocalPort
 from cogrip.server.ports.seat_limits import FASTER, ClaimedRecord
 from cogrip.server.room import Room
-from cogrip.server.worlds.local_scene import LocalSceneWorld
+from cogrip.server.worlds.scenes.local_scene import LocalSceneWorld
 
 T = 1 / 128
 FRAME_NS = 7_812_500

@@ -6,8 +6,8 @@ import mujoco  # type: ignore[import-untyped]
 import numpy as np
 import pytest
 
-from cogrip.server.worlds.clearance import NEAR_M
-from cogrip.server.worlds.local_scene import CLOSE_M, OUT_M, RELEASE_S, LocalSceneWorld
+from cogrip.server.worlds.scenes.clearance import NEAR_M
+from cogrip.server.worlds.scenes.local_scene import CLOSE_M, OUT_M, RELEASE_S, LocalSceneWorld
 from cogrip.server.worlds.world import WorldError
 
 from tests.extent import long

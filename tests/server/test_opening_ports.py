@@ -9,8 +9,8 @@ from hypothesis import strategies as st
 from msgspec.structs import replace
 
 from cogrip.protocol.settings.room import resolve, seat_settings
-from cogrip.server.worlds.scene import SceneWorld
-from cogrip.server.worlds.scene_text import SceneError
+from cogrip.server.worlds.scenes.scene import SceneWorld
+from cogrip.server.worlds.scenes.scene_text import SceneError
 
 from tests.server.scene_worlds import NOTHING, SLIDES, B, T, hold, port_j, world_of
 

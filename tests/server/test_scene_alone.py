@@ -6,8 +6,8 @@ import mujoco
 import numpy as np
 import pytest
 
-from cogrip.server.worlds import scene_file
-from cogrip.server.worlds.scene_text import scene_of
+from cogrip.server.worlds.scenes import scene_file
+from cogrip.server.worlds.scenes.scene_text import scene_of
 
 from tests.server.scene_worlds import world_of
 

@@ -8,8 +8,8 @@ import pytest
 
 from cogrip.analysis.scene_advice import scene_findings
 from cogrip.protocol.settings.room import resolve
-from cogrip.server.worlds.scene import SceneWorld
-from cogrip.server.worlds.scene_file import Held, make_scene
+from cogrip.server.worlds.scenes.scene import SceneWorld
+from cogrip.server.worlds.scenes.scene_file import Held, make_scene
 
 from tests.server.scene_worlds import hold, world_of
 

@@ -5,8 +5,8 @@ from math import sqrt
 import numpy as np
 import pytest
 
-from cogrip.server.worlds.scene import SceneWorld
-from cogrip.server.worlds.scene_contacts import LIFTED_M, SLIP_EVERY, Touch
+from cogrip.server.worlds.scenes.scene import SceneWorld
+from cogrip.server.worlds.scenes.scene_contacts import LIFTED_M, SLIP_EVERY, Touch
 
 from tests.server.scene_worlds import SLIDES, B, T, hold, world_of
 

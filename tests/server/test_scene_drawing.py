@@ -9,9 +9,9 @@ import pytest
 
 from cogrip.protocol.drawing import MOST_SHAPES, TILE, Shape
 from cogrip.protocol.wire.messages import MAX_MESSAGE_BYTES, Geom, decode, encode
-from cogrip.server.worlds.scene import SceneWorld
-from cogrip.server.worlds.scene_shapes import shapes_of
-from cogrip.server.worlds.scene_surfaces import MOST_SCENE_TRIANGLES
+from cogrip.server.worlds.scenes.scene import SceneWorld
+from cogrip.server.worlds.scenes.scene_shapes import shapes_of
+from cogrip.server.worlds.scenes.scene_surfaces import MOST_SCENE_TRIANGLES
 
 from tests.server.scene_worlds import hold, world_of
 from tests.view.drawn_scenes import SCENES

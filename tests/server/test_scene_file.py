@@ -7,8 +7,8 @@ import mujoco
 import numpy as np
 import pytest
 
-from cogrip.server.worlds.scene_file import SPARSE_FROM, Held, load_scene, make_scene
-from cogrip.server.worlds.scene_text import MOST_BYTES, SceneError
+from cogrip.server.worlds.scenes.scene_file import SPARSE_FROM, Held, load_scene, make_scene
+from cogrip.server.worlds.scenes.scene_text import MOST_BYTES, SceneError
 
 from tests.server.scene_worlds import SCENES, SHIPPED, SLIDES, hold, world_of
 

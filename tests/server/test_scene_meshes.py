@@ -16,11 +16,11 @@ from cogrip.analysis.scene_advice import scene_findings
 from cogrip.protocol.drawing import Shape
 from cogrip.protocol.settings.room import resolve
 from cogrip.protocol.wire.messages import MAX_MESSAGE_BYTES, Geom, encode
-from cogrip.server.worlds.local_geometry import local_geometry
-from cogrip.server.worlds.scene_file import Held, load_scene
-from cogrip.server.worlds.scene_shapes import shapes_of
-from cogrip.server.worlds.scene_surfaces import MOST_SCENE_TRIANGLES
-from cogrip.server.worlds.scene_text import MOST_FILE_BYTES, SceneError
+from cogrip.server.worlds.scenes.local_geometry import local_geometry
+from cogrip.server.worlds.scenes.scene_file import Held, load_scene
+from cogrip.server.worlds.scenes.scene_shapes import shapes_of
+from cogrip.server.worlds.scenes.scene_surfaces import MOST_SCENE_TRIANGLES
+from cogrip.server.worlds.scenes.scene_text import MOST_FILE_BYTES, SceneError
 
 from tests.server.scene_worlds import world_of
 

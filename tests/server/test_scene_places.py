@@ -7,9 +7,9 @@ import mujoco
 import numpy as np
 import pytest
 
-from cogrip.server.worlds.scene_file import Held, Scene, load_scene, make_scene
-from cogrip.server.worlds.scene_places import CLEAR_M, FREE_M, NEAR_M
-from cogrip.server.worlds.scene_text import SceneError
+from cogrip.server.worlds.scenes.scene_file import Held, Scene, load_scene, make_scene
+from cogrip.server.worlds.scenes.scene_places import CLEAR_M, FREE_M, NEAR_M
+from cogrip.server.worlds.scenes.scene_text import SceneError
 
 SCENES = Path(__file__).parents[2] / "configs" / "scenes"
 STEP_S = 1.0 / 512.0

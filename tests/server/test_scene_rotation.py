@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from cogrip.server.worlds.scene import SceneWorld
-from cogrip.server.worlds.scene_springs import springs_j
-from cogrip.server.worlds.scene_text import SceneError
+from cogrip.server.worlds.scenes.scene import SceneWorld
+from cogrip.server.worlds.scenes.scene_springs import springs_j
+from cogrip.server.worlds.scenes.scene_text import SceneError
 
 from tests.extent import every, long
 from tests.server.scene_worlds import NOTHING, SLIDES, hold, port_j, world_of, world_of_settings

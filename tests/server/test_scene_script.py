@@ -20,8 +20,8 @@ from cogrip.results.verdict_text import notes
 from cogrip.server.schemes import make_scene_world
 from cogrip.server.worlds import registry
 from cogrip.server.worlds.guarded import TooLongError
-from cogrip.server.worlds.scene import SceneWorld
-from cogrip.server.worlds.scene_script import MOST_MPS
+from cogrip.server.worlds.scenes.scene import SceneWorld
+from cogrip.server.worlds.scenes.scene_script import MOST_MPS
 from cogrip.server.worlds.world import WorldError
 from cogrip.sim.input_files import files_read
 from cogrip.sim.laboratory import Laboratory
@@ -35,7 +35,7 @@ SCENE = """<mujoco><worldbody><geom type="plane" size="1 1 .1"/>
 <sensor><jointpos name="angle" joint="turn"/></sensor></mujoco>"""
 SCRIPT = """
 from math import sin
-from cogrip.server.worlds.scene_script import SceneScript
+from cogrip.server.worlds.scenes.scene_script import SceneScript
 
 class Swing(SceneScript):
     kept = ("frames", "seen")
@@ -205,7 +205,7 @@ def test_a_script_that_takes_too_long_fails(room: Any) -> None:
     ("name", "allowed", "words"),
     [
         ("Swung", True, "object.script: .* has no class Swung; name one that is in it"),
-        ("sin", True, "is no script; derive it from cogrip.server.worlds.scene_script.SceneScript"),
+        ("sin", True, "is no script; derive it from cogrip.server.worlds.scenes.scene_script.SceneScript"),
         ("Swing", False, "object.script: .*swing.py is a program, and settings may be anybody's"),
     ],
 )

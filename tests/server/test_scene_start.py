@@ -18,9 +18,9 @@ from cogrip.results.replay.verify import verify
 from cogrip.results.traces import trace_of
 from cogrip.results.verdict_text import verdict
 from cogrip.server.schemes import make_scene_world
-from cogrip.server.worlds.scene import SceneWorld
-from cogrip.server.worlds.scene_file import SceneAccount, account_of
-from cogrip.server.worlds.scene_text import SceneError
+from cogrip.server.worlds.scenes.scene import SceneWorld
+from cogrip.server.worlds.scenes.scene_file import SceneAccount, account_of
+from cogrip.server.worlds.scenes.scene_text import SceneError
 
 SCENE = """<mujoco>
   <default><joint damping=".5" armature=".01"/></default>

@@ -13,9 +13,9 @@ from cogrip.protocol.settings.room import resolve
 from cogrip.results.folder import SERVER_RECORDING
 from cogrip.results.laboratory_run import run_laboratory
 from cogrip.results.replay.verify import verify
-from cogrip.server.worlds import scene_text
-from cogrip.server.worlds.scene_file import Held, load_scene
-from cogrip.server.worlds.scene_text import OutsideError, SceneError, read_scene
+from cogrip.server.worlds.scenes import scene_text
+from cogrip.server.worlds.scenes.scene_file import Held, load_scene
+from cogrip.server.worlds.scenes.scene_text import OutsideError, SceneError, read_scene
 from cogrip.sim.input_files import files_read
 
 from tests.server.test_scene_meshes import obj

@@ -13,8 +13,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from cogrip.server.worlds.energy_limiter import START_J
-from cogrip.server.worlds.scene import SceneWorld
-from cogrip.server.worlds.scene_springs import springs_j
+from cogrip.server.worlds.scenes.scene import SceneWorld
+from cogrip.server.worlds.scenes.scene_springs import springs_j
 from cogrip.server.worlds.world import WorldError
 
 from tests.extent import every, long

@@ -6,7 +6,7 @@ import pytest
 
 from cogrip.protocol.laws.rotations import UNTURNED, exp, product
 from cogrip.protocol.settings.task import EVERYBODY, Task
-from cogrip.server.worlds.task_watch import TaskWatch
+from cogrip.server.worlds.scenes.task_watch import TaskWatch
 
 T = 1 / 128
 START = (0.1, 0.2, 0.3)

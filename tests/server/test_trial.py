@@ -13,9 +13,9 @@ import pytest
 from cogrip.machine import trial
 from cogrip.machine.server_platform import FORKS
 from cogrip.machine.trial import TrialLimitError, tried
-from cogrip.server.worlds import scene_file
-from cogrip.server.worlds.scene_file import Held, make_scene
-from cogrip.server.worlds.scene_text import SceneError, scene_of
+from cogrip.server.worlds.scenes import scene_file
+from cogrip.server.worlds.scenes.scene_file import Held, make_scene
+from cogrip.server.worlds.scenes.scene_text import SceneError, scene_of
 
 from tests.server.scene_worlds import SCENES, SHIPPED
 

@@ -4,8 +4,8 @@ import mujoco
 import numpy as np
 import pytest
 
-from cogrip.server.worlds.scene import SceneWorld
-from cogrip.server.worlds.velocity_forces import linked_dofs
+from cogrip.server.worlds.scenes.scene import SceneWorld
+from cogrip.server.worlds.scenes.velocity_forces import linked_dofs
 
 from tests.server.scene_worlds import NOTHING, hold, world_of
 

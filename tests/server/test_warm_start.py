@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from cogrip.server.worlds.scene import SceneWorld
-from cogrip.server.worlds.warm_start import WarmStart
+from cogrip.server.worlds.scenes.scene import SceneWorld
+from cogrip.server.worlds.scenes.warm_start import WarmStart
 
 from tests.server.scene_worlds import hold, world_of
 

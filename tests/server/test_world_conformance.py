@@ -7,7 +7,7 @@ import pytest
 
 from cogrip.protocol.settings.seat import SeatSettings
 from cogrip.server.schemes import make_world
-from cogrip.server.worlds import conformance, scene_grips
+from cogrip.server.worlds import conformance
 from cogrip.server.worlds.conformance import (
     CHECKS,
     Subject,
@@ -18,9 +18,10 @@ from cogrip.server.worlds.conformance import (
 )
 from cogrip.server.worlds.grip import GripWorld
 from cogrip.server.worlds.lagged import PaperWorld
-from cogrip.server.worlds.scene_springs import uncounted_j
+from cogrip.server.worlds.scenes import scene_grips
+from cogrip.server.worlds.scenes.scene_springs import uncounted_j
+from cogrip.server.worlds.scenes.turning_ports import TurningPorts
 from cogrip.server.worlds.tool_world import ToolWorld
-from cogrip.server.worlds.turning_ports import TurningPorts
 from cogrip.server.worlds.world import World
 
 from tests.extent import long

@@ -24,7 +24,7 @@ from cogrip.results.replay.verify import verify
 from cogrip.results.summary import of_laboratory
 from cogrip.results.verdict import passive
 from cogrip.server.room import Room
-from cogrip.server.worlds.local_scene import LocalSceneWorld
+from cogrip.server.worlds.scenes.local_scene import LocalSceneWorld
 from cogrip.sim.laboratory import Laboratory
 
 from tests.extent import every, long

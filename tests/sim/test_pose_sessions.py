@@ -15,7 +15,7 @@ from cogrip.protocol.settings.sections import Settings
 from cogrip.server.worlds import orientation_drift
 from cogrip.server.worlds.guarded import GuardedWorld
 from cogrip.server.worlds.registry import ALLOWED
-from cogrip.server.worlds.scene import SceneWorld
+from cogrip.server.worlds.scenes.scene import SceneWorld
 from cogrip.sim.laboratory import Laboratory
 
 from tests.extent import long

@@ -9,7 +9,7 @@ import pytest
 from cogrip.cli.settings.settings_file import load
 from cogrip.server.checkpoint import CheckpointError, RoomCheckpoint, decode, encode
 from cogrip.server.room import Room
-from cogrip.server.worlds.scene import SceneWorld
+from cogrip.server.worlds.scenes.scene import SceneWorld
 from cogrip.sim.laboratory import Laboratory
 
 LIFT = Path("lift")

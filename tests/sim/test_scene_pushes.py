@@ -11,7 +11,7 @@ from cogrip.cli.settings.before_run import check_settings
 from cogrip.cli.terminal.problem import BadInput
 from cogrip.protocol.settings.room import resolve
 from cogrip.protocol.settings.sections import Settings
-from cogrip.server.worlds.scene_pushes import MOST_MADE_J
+from cogrip.server.worlds.scenes.scene_pushes import MOST_MADE_J
 
 from tests.extent import long
 

@@ -13,7 +13,7 @@ from cogrip.results.laboratory_run import run_laboratory
 from cogrip.results.replay.verify import verify
 from cogrip.results.summary import of_laboratory
 from cogrip.results.verdict import succeeded
-from cogrip.server.worlds.scene import SceneWorld
+from cogrip.server.worlds.scenes.scene import SceneWorld
 from cogrip.sim.laboratory import Laboratory
 
 from tests.extent import long

@@ -11,8 +11,8 @@ import matplotlib.image
 import mujoco  # type: ignore[import-untyped]
 import numpy as np
 
-from cogrip.server.worlds.scene_file import Held, load_scene
-from cogrip.server.worlds.scene_shapes import Drawn, shapes_of
+from cogrip.server.worlds.scenes.scene_file import Held, load_scene
+from cogrip.server.worlds.scenes.scene_shapes import Drawn, shapes_of
 from cogrip.view.frames import SceneFrame, encode
 from cogrip.view.scene import DrawnObject, PageScene, to_json, workspace_of
 

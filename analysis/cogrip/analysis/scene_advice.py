@@ -18,12 +18,12 @@ from cogrip.protocol.settings.delays import line_delay
 from cogrip.protocol.settings.room import seat_axes
 from cogrip.protocol.settings.seat import SeatSettings
 from cogrip.protocol.settings.sections import Settings
-from cogrip.server.worlds.local_geometry import local_geometry, unfit_tool
-from cogrip.server.worlds.scene_file import ADDED, CONTACT_RATE_PS2, Scene, scene_of_settings
-from cogrip.server.worlds.scene_shapes import shapes_of
-from cogrip.server.worlds.scene_surfaces import MOST_SCENE_TRIANGLES
-from cogrip.server.worlds.scene_text import MOST_NAMED
-from cogrip.server.worlds.velocity_forces import linked_dofs
+from cogrip.server.worlds.scenes.local_geometry import local_geometry, unfit_tool
+from cogrip.server.worlds.scenes.scene_file import ADDED, CONTACT_RATE_PS2, Scene, scene_of_settings
+from cogrip.server.worlds.scenes.scene_shapes import shapes_of
+from cogrip.server.worlds.scenes.scene_surfaces import MOST_SCENE_TRIANGLES
+from cogrip.server.worlds.scenes.scene_text import MOST_NAMED
+from cogrip.server.worlds.scenes.velocity_forces import linked_dofs
 
 
 def scene_findings(settings: Settings) -> list[Finding]:

@@ -22,10 +22,10 @@ from cogrip.analysis.line_advice import LIGHT_GRIP_N
 from cogrip.analysis.scene_advice import felt_npm
 from cogrip.protocol.settings.room import seat_settings
 from cogrip.protocol.settings.sections import Settings
-from cogrip.server.worlds.scene import SceneWorld
-from cogrip.server.worlds.scene_contacts import LIFTED_M
-from cogrip.server.worlds.scene_file import ADDED, Scene, scene_of_settings
-from cogrip.server.worlds.scene_places import Approach, approaches
+from cogrip.server.worlds.scenes.scene import SceneWorld
+from cogrip.server.worlds.scenes.scene_contacts import LIFTED_M
+from cogrip.server.worlds.scenes.scene_file import ADDED, Scene, scene_of_settings
+from cogrip.server.worlds.scenes.scene_places import Approach, approaches
 from cogrip.sim.laboratory import Laboratory
 
 DELAYS_MS = (0.0, 10.0, 20.0, 50.0, 100.0, 200.0, 300.0)

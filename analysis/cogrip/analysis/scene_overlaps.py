@@ -5,7 +5,7 @@ from typing import NamedTuple
 
 import mujoco  # type: ignore[import-untyped]
 
-from cogrip.server.worlds.scene_file import Scene
+from cogrip.server.worlds.scenes.scene_file import Scene
 
 OVERLAP_M = 1e-3  # least depth that is told: what rests on something is less deep
 

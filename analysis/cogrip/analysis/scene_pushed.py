@@ -6,9 +6,9 @@ from cogrip.analysis.finding import Finding, plain
 from cogrip.analysis.scene_overlaps import overlaps
 from cogrip.protocol.settings.room import seat_settings
 from cogrip.protocol.settings.sections import Settings
-from cogrip.server.worlds.scene import SceneWorld
-from cogrip.server.worlds.scene_file import Scene, scene_of_settings
-from cogrip.server.worlds.scene_pushes import MOST_MADE_J, PUSHES, push
+from cogrip.server.worlds.scenes.scene import SceneWorld
+from cogrip.server.worlds.scenes.scene_file import Scene, scene_of_settings
+from cogrip.server.worlds.scenes.scene_pushes import MOST_MADE_J, PUSHES, push
 from cogrip.server.worlds.world import WorldError
 
 SEED = 1

@@ -11,13 +11,13 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 from cogrip.client import inputs
-from cogrip.client.hand.waiting_hand import WaitingHand
 from cogrip.client.io.exchange import DatagramExchange, EmulatedDirection
 from cogrip.client.io.paths import POLL_S, JoinError, Paths, RefusedError, session_change
 from cogrip.client.markers import MOST_UNANSWERED
 from cogrip.client.recorder import RecordedClient, client_topics
 from cogrip.client.safety.limiter import FAULT_OUT_S, State
 from cogrip.client.supervised_device import SupervisedDevice
+from cogrip.client.waiting_hand import WaitingHand
 from cogrip.devices.device import Capability, Device, DeviceError
 from cogrip.devices.for_user import first_axes
 from cogrip.devices.simulated.simulated_device import SimulatedDevice

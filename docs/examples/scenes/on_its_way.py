@@ -5,7 +5,7 @@ from pathlib import Path
 
 import numpy as np
 
-from cogrip.server.worlds.scene_script import SceneScript
+from cogrip.server.worlds.scenes.scene_script import SceneScript
 
 
 class OnItsWay(SceneScript):

@@ -24,12 +24,12 @@ from cogrip.server.worlds.local_faces import LocalFacesWorld
 from cogrip.server.worlds.partners import PartnersWorld
 from cogrip.server.worlds.power import PowerWorld
 from cogrip.server.worlds.registry import make_guarded, world_class_of
-from cogrip.server.worlds.scene_text import SceneError
+from cogrip.server.worlds.scenes.scene_text import SceneError
 from cogrip.server.worlds.small_room import MOST, SmallGripWorld
 from cogrip.server.worlds.world import World
 
 if TYPE_CHECKING:
-    from cogrip.server.worlds.scene import SceneWorld
+    from cogrip.server.worlds.scenes.scene import SceneWorld
 
 MakeWorld = Callable[[Sequence[SeatSettings]], World]
 
@@ -50,7 +50,7 @@ def make_wave_world(seats: Sequence[SeatSettings]) -> World:
 class Scheme(NamedTuple):
     """One coupling scheme.
 
-    scene: module and class, in `cogrip.server.worlds`, of its world of rigid bodies, for which MuJoCo is loaded; None: no scene
+    scene: module and class, in `worlds.scenes`, of its world of rigid bodies, for which MuJoCo is loaded; None: no scene
     """
 
     make_port: Callable[[SeatSettings, SeatLimits, float], Port]
@@ -83,9 +83,9 @@ def make_scene_world(settings: Settings, seats: Sequence[SeatSettings]) -> World
         raise SceneError(f'coupling.kind = "{settings.coupling.kind}" has no scenes; set coupling.kind = "wave"')
     module, name = scene
     try:  # MuJoCo is loaded where there is a scene
-        scene_file = import_module("cogrip.server.worlds.scene_file")
-        scene_script = import_module("cogrip.server.worlds.scene_script")
-        make: type[SceneWorld] = getattr(import_module(f"cogrip.server.worlds.{module}"), name)
+        scene_file = import_module("cogrip.server.worlds.scenes.scene_file")
+        scene_script = import_module("cogrip.server.worlds.scenes.scene_script")
+        make: type[SceneWorld] = getattr(import_module(f"cogrip.server.worlds.scenes.{module}"), name)
     except ModuleNotFoundError as error:
         if error.name != "mujoco":
             raise

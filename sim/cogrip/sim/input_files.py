@@ -12,7 +12,7 @@ from cogrip.devices.recorded_motion import find, split_user
 from cogrip.devices.settings import parse_address
 from cogrip.protocol.settings.object_kinds import PYTHON, split_python
 from cogrip.protocol.settings.sections import Settings
-from cogrip.server.worlds.scene_text import SceneError, read_scene
+from cogrip.server.worlds.scenes.scene_text import SceneError, read_scene
 
 UNREADABLE = "unreadable"  # digest of a file that cannot be read: whoever runs the session says what is wrong with it
 

@@ -209,7 +209,7 @@ def _try_world(settings: Settings, where: str) -> None:
     """Raise BadInput for a world or a scene's script that cannot be had, before anything is started."""
     if settings.object.script:
         from cogrip.server.worlds.registry import WorldKindError
-        from cogrip.server.worlds.scene_script import script_of
+        from cogrip.server.worlds.scenes.scene_script import script_of
         from cogrip.server.worlds.world import WorldError
 
         with BadInput.of(WorldKindError, WorldError, where=where):
@@ -226,7 +226,7 @@ def _try_scene(settings: Settings, where: str) -> None:
     """Raise BadInput for a scene that cannot be used, before anything is started."""
     if settings.object.traits.scene:
         from cogrip.server.schemes import make_scene_world
-        from cogrip.server.worlds.scene_text import SceneError
+        from cogrip.server.worlds.scenes.scene_text import SceneError
 
         alone = msgspec.structs.replace(
             settings, object=msgspec.structs.replace(settings.object, script="")

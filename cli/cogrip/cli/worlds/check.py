@@ -119,7 +119,7 @@ def _case(settings: Settings) -> tuple[str, Subject]:
     name = f"{people} {'seat' if people == 1 else 'seats'}, {axes} {'axis' if axes == 1 else 'axes'}"
     subject = Subject(make, call_limit, (time.perf_counter_ns, time.thread_time_ns))
     if settings.object.traits.scene:
-        from cogrip.server.worlds.scene_springs import uncounted_j  # MuJoCo is loaded where there is a scene
+        from cogrip.server.worlds.scenes.scene_springs import uncounted_j  # MuJoCo is loaded where there is a scene
 
         subject = replace(subject, uncounted=uncounted_j)
     return name, subject

@@ -75,7 +75,7 @@ def rows_of(settings: Settings) -> Iterator[Row]:
     from cogrip.analysis.finding import in_rows
     from cogrip.analysis.scene_advice import scene_findings
     from cogrip.analysis.scene_pushed import pushed
-    from cogrip.server.worlds.scene_file import account_of
+    from cogrip.server.worlds.scenes.scene_file import account_of
 
     frame_s = seat_settings(settings, 0).rates.frame_s
     account = account_of(settings, frame_s)
@@ -137,8 +137,8 @@ def _held(settings: Settings) -> tuple[Row, dict[str, Any]]:
 
 def _cost(settings: Settings, frame_s: float) -> str:
     """Return what a frame of the scene computes, as it stands at its start."""
-    from cogrip.server.worlds.scene import SceneWorld
-    from cogrip.server.worlds.scene_file import scene_of_settings
+    from cogrip.server.worlds.scenes.scene import SceneWorld
+    from cogrip.server.worlds.scenes.scene_file import scene_of_settings
 
     seats = [seat_settings(settings, seat) for seat in range(len(settings.users))]
     world = SceneWorld(seats, scene_of_settings(settings, frame_s), settings.object.substeps)

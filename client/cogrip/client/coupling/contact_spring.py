@@ -11,8 +11,8 @@ whatever kind yields then: it goes with the hand as far as keeps E >= -LENT_J. A
 
 from math import inf, sqrt
 
-from cogrip.client.coupling.interface import spring_j, stretch_m
 from cogrip.client.hand.velocity import largest_impedance
+from cogrip.client.rows.springs import spring_j, stretch_m
 from cogrip.devices.device import Capability
 from cogrip.protocol.settings.seat import SeatSettings
 

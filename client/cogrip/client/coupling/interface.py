@@ -5,13 +5,11 @@ Each tick:   `elapse` adds the motion of the tick that has passed (`elapse_absen
 Each frame:  `end_frame`, then `message` returns what is sent; `start_frame` plays what came.
 """
 
-from collections import deque
 from collections.abc import Sequence
-from math import inf, sqrt
+from math import inf
 from typing import Any, Generic, TypeVar
 
 from cogrip.devices.device import Capability
-from cogrip.machine.addition import add_floats
 from cogrip.protocol.line.energy_reserve import EnergyReserve
 from cogrip.protocol.line.energy_sums import CompensatedSum
 from cogrip.protocol.line.latest_state import StateReceiver
@@ -22,46 +20,7 @@ from cogrip.protocol.wire.handle import Handle
 from cogrip.protocol.wire.messages import Geom, Latest
 
 L = TypeVar("L", bound=Latest)
-T = TypeVar("T")
 Row = tuple[float, ...]
-
-
-class DelayLine(Generic[T]):
-    """Delays a value by the age of samples, so that a displacement meets the force that acted while it was made.
-
-    ticks  of the delay
-    """
-
-    def __init__(self) -> None:
-        self.ticks = 0
-        self._values: deque[T] = deque(maxlen=0)
-
-    def set_ticks(self, ticks: int, before: T) -> None:
-        """Delay by `ticks` ticks from now on. before: stands for ticks that are not known."""
-        self.ticks = ticks
-        self._values = deque([*[before] * ticks, *self._values], maxlen=ticks)
-
-    def push(self, value: T) -> T:
-        """Push the value of a tick, and return that of `ticks` ticks before."""
-        values = self._values
-        if not values:
-            return value
-        oldest = values[0]
-        values.append(value)  # drops the oldest
-        return oldest
-
-    def push_many(self, value: T, ticks: int) -> list[T]:
-        """Push a value for several ticks, and return the values of `ticks` ticks before each."""
-        pushed = [*self._values, *[value] * ticks]
-        self._values.extend([value] * ticks)
-        return pushed[:ticks]
-
-
-def mean_row(line: DelayLine[Row], row: Row, ticks: int) -> Sequence[float]:
-    """Push a row for several ticks, and return the mean of the rows of `line.ticks` ticks before each."""
-    if ticks == 1:
-        return line.push(row)
-    return [add_floats(parts) / ticks for parts in zip(*line.push_many(row, ticks), strict=True)]
 
 
 class PortEnergy:
@@ -293,17 +252,3 @@ class LatestStateCoupling(Coupling, Generic[L]):
 
     def count(self) -> LinkCount:
         return self._receiver.count()
-
-
-def spring_j(stiffness_npm: float, stretch_m: float, peak_n: float) -> float:
-    """Return the energy in a spring whose force ends at `peak_n`."""
-    force = stiffness_npm * abs(stretch_m)
-    if force <= peak_n:
-        return 0.5 * force * abs(stretch_m)
-    return peak_n * (abs(stretch_m) - 0.5 * peak_n / stiffness_npm)
-
-
-def stretch_m(stiffness_npm: float, energy_j: float, peak_n: float) -> float:
-    """Return the stretch of a spring with this energy, whose force ends at `peak_n`: the inverse of `spring_j`."""
-    force = sqrt(2.0 * stiffness_npm * energy_j)
-    return force / stiffness_npm if force <= peak_n else energy_j / peak_n + 0.5 * peak_n / stiffness_npm

@@ -11,8 +11,9 @@ from collections.abc import Sequence
 from math import inf
 
 from cogrip.client.coupling.intention import HAND_NPM, Intention
-from cogrip.client.coupling.interface import DelayLine, LatestStateCoupling, Row
+from cogrip.client.coupling.interface import LatestStateCoupling, Row
 from cogrip.client.coupling.spring_gate import SpringGate
+from cogrip.client.rows.delay_line import DelayLine
 from cogrip.devices.device import Capability
 from cogrip.machine.addition import add_floats
 from cogrip.protocol.laws.partner_model import Model, ahead, step_object

@@ -20,12 +20,13 @@ from operator import sub
 
 from msgspec.structs import replace
 
-from cogrip.client.coupling.interface import Coupling, DelayLine, Row
+from cogrip.client.coupling.interface import Coupling, Row
 from cogrip.client.coupling.line_tuner import LineTuner
 from cogrip.client.coupling.series_impedance import SeriesImpedance
 from cogrip.client.coupling.wave_lines import ForwardLine, ReturningLine
 from cogrip.client.hand.felt_stiffness import REST_S
 from cogrip.client.hand.velocity import largest_impedance
+from cogrip.client.rows.delay_line import DelayLine
 from cogrip.devices.device import Capability
 from cogrip.machine.addition import add_floats
 from cogrip.protocol.axes import PLACES

@@ -14,15 +14,15 @@ from collections import deque
 from collections.abc import Callable, Sequence
 from math import hypot, inf
 
-from cogrip.client.coupling.interface import DelayLine
 from cogrip.client.effects.active import Grating, Vibration
 from cogrip.client.effects.fields import ViscousField
-from cogrip.client.effects.hand_aids import part_of
 from cogrip.client.effects.laws import ActiveLaw, PassiveLaw, Row
-from cogrip.client.effects.source import EffectSource
+from cogrip.client.effects.seat_effects import SeatEffects
 from cogrip.client.effects.springs import ForbiddenZone, GuidingPath, Magnet
 from cogrip.client.effects.tank import EnergyTank
 from cogrip.client.hand.frame import HandFrame
+from cogrip.client.rows.delay_line import DelayLine
+from cogrip.client.rows.springs import part_of
 from cogrip.client.safety.device_port import DevicePort
 from cogrip.client.safety.limiter import Safety
 from cogrip.devices.device import MOST_SLOPE_NPS, Capability
@@ -61,7 +61,7 @@ class _Entry:
         self.ended = False
 
 
-class EffectForce(EffectSource):
+class EffectForce(SeatEffects):
     """Effects of a seat of `axes` axes, the first three of them places; forces are shape (axes,) [N].
 
     asked_n   force of this tick, before ramp and limits; None where there is none

@@ -12,8 +12,10 @@ times the height, goes to the device's ledger, so a closed path does no work, wh
 from collections.abc import Sequence
 from math import hypot, sqrt
 
-from cogrip.client.coupling.interface import DelayLine, Row, mean_row, spring_j
+from cogrip.client.coupling.interface import Row
 from cogrip.client.hand.velocity import largest_impedance
+from cogrip.client.rows.delay_line import DelayLine, mean_row
+from cogrip.client.rows.springs import part_of, spring_j
 from cogrip.devices.device import GRAVITY_MPS2, Capability
 from cogrip.machine.addition import add_floats
 from cogrip.protocol.axes import PLACES
@@ -138,9 +140,3 @@ class HandAids:
     def acting(self, elapsed: int) -> Sequence[float]:
         """Return the mean extra force over the ticks that samples now show."""
         return mean_row(self._extras, self.extra_n, elapsed) if self._extras.ticks and elapsed else self.extra_n
-
-
-def part_of(force_n: Sequence[float], wish_n: Sequence[float]) -> float:
-    """Return the part of a wish that a force is, along it."""
-    square = add_floats([each * each for each in wish_n])
-    return add_floats([a * b for a, b in zip(force_n, wish_n, strict=True)]) / square if square else 0.0

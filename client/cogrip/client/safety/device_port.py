@@ -25,8 +25,8 @@ from collections.abc import Sequence
 from math import dist, exp, hypot, inf, sqrt
 from typing import Literal
 
-from cogrip.client.hand.row_size import surely_below
 from cogrip.client.hand.velocity import lag_ticks, largest_impedance
+from cogrip.client.rows.row_size import surely_below
 from cogrip.client.safety.force_limits import SOFT_SLOPE_NPS
 from cogrip.client.safety.oscillation import OscillationDetector
 from cogrip.devices.device import Capability

@@ -14,7 +14,8 @@ from collections.abc import Sequence
 
 import msgspec
 
-from cogrip.client.coupling.interface import Coupling, DelayLine, mean_row
+from cogrip.client.coupling.interface import Coupling
+from cogrip.client.rows.delay_line import DelayLine, mean_row
 from cogrip.machine.addition import add_floats
 from cogrip.protocol.line.energy_sums import CompensatedSum
 from cogrip.protocol.wire.accounts import LinkCount, PlayoutAccount

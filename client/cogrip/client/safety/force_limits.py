@@ -10,7 +10,7 @@ from math import dist
 
 from cogrip.client.hand.further_axes import further_axes
 from cogrip.client.hand.handle import BEYOND
-from cogrip.client.hand.row_size import change_surely_below
+from cogrip.client.rows.row_size import change_surely_below
 from cogrip.client.safety.thermal import ThermalLimit
 from cogrip.devices.device import MOST_SLOPE_NPS, Capability
 from cogrip.machine.addition import add_floats

@@ -18,7 +18,7 @@ from collections.abc import Mapping, Sequence
 from math import hypot, inf, isfinite, sqrt
 from typing import Literal, get_args
 
-from cogrip.client.hand.row_size import surely_below
+from cogrip.client.rows.row_size import surely_below
 from cogrip.client.safety.force_limits import ForceBounds, ForceLimits, bounds_of
 from cogrip.client.safety.thermal import ThermalLimit
 from cogrip.devices.device import Capability

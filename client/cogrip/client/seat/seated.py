@@ -15,20 +15,21 @@ from msgspec.structs import replace
 from cogrip.client.coupling.interface import Coupling
 from cogrip.client.coupling.schemes import make_coupling
 from cogrip.client.effects.force import EffectForce
-from cogrip.client.effects.hand_aids import HandAids, part_of
-from cogrip.client.effects.source import EffectSource
+from cogrip.client.effects.hand_aids import HandAids
+from cogrip.client.effects.seat_effects import SeatEffects
 from cogrip.client.hand.axes import AxisUnits, Row
 from cogrip.client.hand.felt_stiffness import REST_S, FeltStiffness
 from cogrip.client.hand.grip_axes import GripAxes
 from cogrip.client.hand.handle import HandleReader, has_handle
-from cogrip.client.hand.peaks import Peaks
 from cogrip.client.hand.pose_axes import PoseAxes
+from cogrip.client.rows.springs import part_of
 from cogrip.client.safety.device_port import Cause, DevicePort, cure
 from cogrip.client.safety.energy_ledger import EnergyLedger
 from cogrip.client.safety.limiter import DRIVES, Safety
 from cogrip.client.safety.shaking import Shaking
 from cogrip.client.seat.hand_motion import HandMotion, work_and_velocity
 from cogrip.client.seat.hand_orders import HandOrders
+from cogrip.client.seat.peaks import Peaks
 from cogrip.devices.device import Capability
 from cogrip.devices.sample import Sample
 from cogrip.machine.addition import add_floats
@@ -79,7 +80,7 @@ class SeatedClient:
         self.orders = HandOrders(seat, self.aids)
         self.frame = self.orders.frame
         self.coupling: Coupling = make_coupling(seat)
-        self.effects = EffectSource()  # none until one is told
+        self.effects = SeatEffects()  # none until one is told
         self.port = make_port(self._record, rates.tick_s, rates.ticks_per_frame)
         # Accounts
         self.ledger = EnergyLedger(self.coupling)

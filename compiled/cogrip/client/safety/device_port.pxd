@@ -1,7 +1,7 @@
 cimport cython
 
 from cogrip.client.safety.oscillation cimport OscillationDetector
-from cogrip.client.hand.row_size cimport surely_below
+from cogrip.client.rows.row_size cimport surely_below
 
 
 cdef class DevicePort:

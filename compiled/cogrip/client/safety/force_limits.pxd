@@ -1,6 +1,6 @@
 cimport cython
 
-from cogrip.client.hand.row_size cimport change_surely_below
+from cogrip.client.rows.row_size cimport change_surely_below
 from cogrip.client.safety.thermal cimport ThermalLimit
 from cogrip.machine.addition cimport add_floats
 

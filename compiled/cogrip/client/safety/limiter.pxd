@@ -1,7 +1,7 @@
 cimport cython
 
 from cogrip.client.safety.force_limits cimport ForceLimits
-from cogrip.client.hand.row_size cimport surely_below
+from cogrip.client.rows.row_size cimport surely_below
 from cogrip.machine.addition cimport add_floats
 
 

@@ -4,11 +4,11 @@ from cogrip.client.coupling.interface cimport Coupling
 from cogrip.client.safety.device_port cimport DevicePort
 from cogrip.client.safety.energy_ledger cimport EnergyLedger
 from cogrip.client.effects.hand_aids cimport HandAids
-from cogrip.client.effects.source cimport EffectSource
+from cogrip.client.effects.seat_effects cimport SeatEffects
 from cogrip.client.hand.axes cimport AxisUnits
 from cogrip.client.hand.frame cimport HandFrame
 from cogrip.client.seat.hand_motion cimport HandMotion, work_and_velocity
-from cogrip.client.hand.peaks cimport Peaks
+from cogrip.client.seat.peaks cimport Peaks
 from cogrip.client.safety.limiter cimport Safety
 from cogrip.client.safety.shaking cimport Shaking
 from cogrip.devices.sample cimport Sample
@@ -21,7 +21,7 @@ cdef class SeatedClient:
     cdef public HandFrame frame
     cdef public HandMotion hand
     cdef public HandAids aids
-    cdef public EffectSource effects
+    cdef public SeatEffects effects
     cdef public Coupling coupling
     cdef public Safety safety
     cdef public EnergyLedger ledger
@@ -71,12 +71,12 @@ cdef class SeatedClient:
     @cython.locals(coupling=Coupling, safety=Safety, force=tuple)
     cpdef tuple act(self, long long now_ns)
     @cython.locals(
-        coupling=Coupling, safety=Safety, port=DevicePort, hand=HandMotion, frame=HandFrame, effects=EffectSource, aids=HandAids,
+        coupling=Coupling, safety=Safety, port=DevicePort, hand=HandMotion, frame=HandFrame, effects=SeatEffects, aids=HandAids,
         force=tuple,
     )
     cdef tuple _render(self)
     @cython.locals(
-        coupling=Coupling, safety=Safety, port=DevicePort, effects=EffectSource, reduced=bint, fraction=double, law=double,
+        coupling=Coupling, safety=Safety, port=DevicePort, effects=SeatEffects, reduced=bint, fraction=double, law=double,
         local=double, left=double, other=double,
     )
     cdef _watch(self, law_n, wanted_n, tuple force)

@@ -19,13 +19,13 @@ from cogrip.protocol.axes import PLACES
 from cogrip.protocol.drawing import Shape
 from cogrip.protocol.settings.seat import SeatSettings
 from cogrip.protocol.settings.sections import REMOTE_SPEED_MPS
-from cogrip.server.worlds.clearance import Clearance
 from cogrip.server.worlds.local_faces import pressed_n
-from cogrip.server.worlds.local_geometry import LocalGeometry, local_geometry, tree_of, unfit_tool
-from cogrip.server.worlds.scene import SceneWorld
-from cogrip.server.worlds.scene_drawing import SceneDrawing
-from cogrip.server.worlds.scene_file import Scene
-from cogrip.server.worlds.scene_text import SceneError
+from cogrip.server.worlds.scenes.clearance import Clearance
+from cogrip.server.worlds.scenes.local_geometry import LocalGeometry, local_geometry, tree_of, unfit_tool
+from cogrip.server.worlds.scenes.scene import SceneWorld
+from cogrip.server.worlds.scenes.scene_drawing import SceneDrawing
+from cogrip.server.worlds.scenes.scene_file import Scene
+from cogrip.server.worlds.scenes.scene_text import SceneError
 from cogrip.server.worlds.world import Array, Row, check_saved
 
 RELEASE_S = 0.25

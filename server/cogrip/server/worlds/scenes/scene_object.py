@@ -6,7 +6,7 @@ from numpy.typing import NDArray
 
 from cogrip.protocol.axes import PLACES, POSE_AXES
 from cogrip.protocol.laws.rotations import UNTURNED, exp, inverse, log, product, turned
-from cogrip.server.worlds.scene_file import Scene
+from cogrip.server.worlds.scenes.scene_file import Scene
 
 Array = NDArray[np.float64]
 Row = tuple[float, ...]

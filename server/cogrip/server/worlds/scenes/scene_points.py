@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 
 from cogrip.machine.addition import add_integers
 from cogrip.protocol.drawing import MOST_POINTS, MOST_SHAPES, Shape, pack_points
-from cogrip.server.worlds.scene_textures import texture_of
+from cogrip.server.worlds.scenes.scene_textures import texture_of
 
 _PULLEY = int(mujoco.mjtWrap.mjWRAP_PULLEY)
 _AT_ONE = (

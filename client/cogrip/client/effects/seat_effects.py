@@ -1,4 +1,4 @@
-"""A source of force beside the coupling, as a seat begins with it: no effects. Once one is told it is `EffectForce`."""
+"""Effects of a seat that was told none, so that a tick need not ask whether there are any; then `EffectForce` has its place."""
 
 from collections.abc import Sequence
 
@@ -11,8 +11,8 @@ from cogrip.protocol.wire.accounts import EffectAccount
 Row = tuple[float, ...]
 
 
-class EffectSource:
-    """Effects of a seat; forces are shape (axes,) [N]. Here there are none.
+class SeatEffects:
+    """No effects: nothing is rendered, and no energy moves. Forces are shape (axes,) [N].
 
     asked_n   force of this tick, before ramp and limits; None where there is none
     stored_j  in springs, as far as they are rendered

@@ -21,7 +21,7 @@ from cogrip.protocol.settings.object_kinds import PYTHON, shared_kind, split_pyt
 from cogrip.protocol.texts import shown
 from cogrip.server.worlds.guarded import called
 from cogrip.server.worlds.registry import WorldKindError, class_in
-from cogrip.server.worlds.scene_text import listed
+from cogrip.server.worlds.scenes.scene_text import listed
 from cogrip.server.worlds.world import Row, WorldError, check_saved, dot
 
 Array = NDArray[np.float64]
@@ -184,6 +184,6 @@ def script_of(name: str) -> tuple[RunningScript, str]:
     found, digest = class_in(Path(file), class_name, "object.script")
     if not (isinstance(found, type) and issubclass(found, SceneScript)):
         raise WorldKindError(
-            f"object.script: {name} is no script; derive it from cogrip.server.worlds.scene_script.SceneScript"
+            f"object.script: {name} is no script; derive it from cogrip.server.worlds.scenes.scene_script.SceneScript"
         )
     return RunningScript(found, shared_kind(name)), digest

@@ -31,20 +31,20 @@ from cogrip.protocol.laws.rotations import log
 from cogrip.protocol.settings.seat import SeatSettings
 from cogrip.server.worlds.accounts import Accounts
 from cogrip.server.worlds.energy_limiter import EnergyLimiter
-from cogrip.server.worlds.equality_rows import EqualityRows
-from cogrip.server.worlds.opening_ports import OpeningPorts
-from cogrip.server.worlds.scene_accounts import SceneAccounts, SceneProgress
-from cogrip.server.worlds.scene_bodies import SceneBodies, Workspace
-from cogrip.server.worlds.scene_contacts import SceneContacts
-from cogrip.server.worlds.scene_drawing import SceneDrawing
-from cogrip.server.worlds.scene_file import Scene
-from cogrip.server.worlds.scene_grips import grip_of
-from cogrip.server.worlds.scene_object import SceneObject
-from cogrip.server.worlds.scene_script import RunningScript, ScriptedScene
-from cogrip.server.worlds.scene_state import SceneEnergy, check_memory, check_rates
-from cogrip.server.worlds.turning_ports import TurningPorts
-from cogrip.server.worlds.velocity_forces import VelocityForces
-from cogrip.server.worlds.warm_start import WarmStart
+from cogrip.server.worlds.scenes.equality_rows import EqualityRows
+from cogrip.server.worlds.scenes.opening_ports import OpeningPorts
+from cogrip.server.worlds.scenes.scene_accounts import SceneAccounts, SceneProgress
+from cogrip.server.worlds.scenes.scene_bodies import SceneBodies, Workspace
+from cogrip.server.worlds.scenes.scene_contacts import SceneContacts
+from cogrip.server.worlds.scenes.scene_drawing import SceneDrawing
+from cogrip.server.worlds.scenes.scene_file import Scene
+from cogrip.server.worlds.scenes.scene_grips import grip_of
+from cogrip.server.worlds.scenes.scene_object import SceneObject
+from cogrip.server.worlds.scenes.scene_script import RunningScript, ScriptedScene
+from cogrip.server.worlds.scenes.scene_state import SceneEnergy, check_memory, check_rates
+from cogrip.server.worlds.scenes.turning_ports import TurningPorts
+from cogrip.server.worlds.scenes.velocity_forces import VelocityForces
+from cogrip.server.worlds.scenes.warm_start import WarmStart
 from cogrip.server.worlds.world import Array, Row, World, WorldError, check_saved, dot
 
 _STATE = mujoco.mjtState.mjSTATE_INTEGRATION

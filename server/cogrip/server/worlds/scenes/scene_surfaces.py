@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cogrip.protocol.drawing import MOST_COLOURED, MOST_TRIANGLES, pack_triangles
-from cogrip.server.worlds.scene_textures import Texture, colours_of, texture_of
+from cogrip.server.worlds.scenes.scene_textures import Texture, colours_of, texture_of
 
 MOST_SCENE_TRIANGLES = 12_000  # most triangles of all surfaces; told one part a view, all are there after four seconds
 MESH, FIELD = int(mujoco.mjtGeom.mjGEOM_MESH), int(mujoco.mjtGeom.mjGEOM_HFIELD)

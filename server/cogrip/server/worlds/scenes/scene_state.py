@@ -3,7 +3,7 @@
 import mujoco  # type: ignore[import-untyped]
 import numpy as np
 
-from cogrip.server.worlds.scene_file import MOST_RATE
+from cogrip.server.worlds.scenes.scene_file import MOST_RATE
 from cogrip.server.worlds.world import WorldError, dot
 
 _CONTACTS_FULL, _ROWS_FULL = int(mujoco.mjtWarning.mjWARN_CONTACTFULL), int(mujoco.mjtWarning.mjWARN_CNSTRFULL)

@@ -15,8 +15,8 @@ import mujoco  # type: ignore[import-untyped]
 import numpy as np
 
 from cogrip.protocol.settings.types import Side
-from cogrip.server.worlds.scene_start import Start
-from cogrip.server.worlds.scene_text import SceneError
+from cogrip.server.worlds.scenes.scene_start import Start
+from cogrip.server.worlds.scenes.scene_text import SceneError
 
 CLEAR_M = 0.03  # distance between an added tool's start and what it is to press
 NEAR_M = 0.1  # largest distance from its target of a tool that stays where it stands

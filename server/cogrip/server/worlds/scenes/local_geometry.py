@@ -12,8 +12,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cogrip.protocol.drawing import MOST_LOCAL, MOST_PAIRS, Shape, ShapeKind
-from cogrip.server.worlds.scene_file import Scene
-from cogrip.server.worlds.scene_grips import held_by_equality
+from cogrip.server.worlds.scenes.scene_file import Scene
+from cogrip.server.worlds.scenes.scene_grips import held_by_equality
 
 _CENTRED_M = 1e-9
 _MOST_M = 1e3  # largest number of a shape (`SPEC.md` section 3.15)

@@ -8,8 +8,8 @@ import numpy as np
 from cogrip.protocol.drawing import UNTURNED, Shape
 from cogrip.protocol.scene_words import changed_words, unused_words
 from cogrip.server.worlds.drawing import Drawing
-from cogrip.server.worlds.scene_file import Scene
-from cogrip.server.worlds.scene_shapes import shapes_of
+from cogrip.server.worlds.scenes.scene_file import Scene
+from cogrip.server.worlds.scenes.scene_shapes import shapes_of
 from cogrip.server.worlds.world import Array
 
 

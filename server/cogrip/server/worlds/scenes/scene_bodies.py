@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cogrip.server.worlds.departures import put_back_text
-from cogrip.server.worlds.scene_file import Scene
+from cogrip.server.worlds.scenes.scene_file import Scene
 from cogrip.server.worlds.world import Array
 from cogrip.server.worlds.world_step import REACH_M, WORKSPACE_M, Row
 

@@ -23,7 +23,7 @@ import mujoco  # type: ignore[import-untyped]
 import numpy as np
 
 from cogrip.machine.addition import add_floats
-from cogrip.server.worlds.scene_file import MOST_CONTACTS, Scene
+from cogrip.server.worlds.scenes.scene_file import MOST_CONTACTS, Scene
 from cogrip.server.worlds.world import turn
 
 LIFTED_M = 0.01  # height above its start from which on the object counts as lifted

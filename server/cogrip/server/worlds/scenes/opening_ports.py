@@ -6,7 +6,7 @@ damper b_g at the finger's joint. Rows are those of `World.step`, shape (n, 4), 
 
 import mujoco  # type: ignore[import-untyped]
 
-from cogrip.server.worlds.scene_file import Scene
+from cogrip.server.worlds.scenes.scene_file import Scene
 
 
 class OpeningPorts:

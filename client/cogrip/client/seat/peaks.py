@@ -3,7 +3,7 @@
 from math import dist, hypot
 
 from cogrip.client.hand.axes import AxisUnits, Row
-from cogrip.client.hand.row_size import change_surely_below, surely_below
+from cogrip.client.rows.row_size import change_surely_below, surely_below
 from cogrip.protocol.axes import PLACES
 
 

@@ -12,8 +12,8 @@ from functools import lru_cache
 import mujoco  # type: ignore[import-untyped]
 import numpy as np
 
-from cogrip.server.worlds.scene import SceneWorld
-from cogrip.server.worlds.scene_state import SceneEnergy
+from cogrip.server.worlds.scenes.scene import SceneWorld
+from cogrip.server.worlds.scenes.scene_state import SceneEnergy
 from cogrip.server.worlds.world import World
 
 _SLIDES = int(mujoco.mjtJoint.mjJNT_FREE), int(mujoco.mjtJoint.mjJNT_SLIDE)

@@ -16,9 +16,9 @@ import numpy as np
 
 from cogrip.protocol.settings.seat import SeatSettings
 from cogrip.server.worlds.power import DRIFT_MPS, DRIFT_SHARE, GIVE_SHARE
-from cogrip.server.worlds.scene import SceneWorld
-from cogrip.server.worlds.scene_accounts import DrivenAccounts
-from cogrip.server.worlds.scene_file import Scene
+from cogrip.server.worlds.scenes.scene import SceneWorld
+from cogrip.server.worlds.scenes.scene_accounts import DrivenAccounts
+from cogrip.server.worlds.scenes.scene_file import Scene
 from cogrip.server.worlds.world import Array
 
 

@@ -1,5 +1,5 @@
 from cogrip.client.hand.axes cimport AxisUnits
-from cogrip.client.hand.row_size cimport change_surely_below, surely_below
+from cogrip.client.rows.row_size cimport change_surely_below, surely_below
 
 
 cdef class Peaks:

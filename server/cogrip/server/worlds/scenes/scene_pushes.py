@@ -14,8 +14,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from cogrip.server.worlds.scene import SceneWorld
-from cogrip.server.worlds.scene_springs import half_step_j, uncounted_j
+from cogrip.server.worlds.scenes.scene import SceneWorld
+from cogrip.server.worlds.scenes.scene_springs import half_step_j, uncounted_j
 from cogrip.server.worlds.world import Array, dot
 
 PUSHES = 100

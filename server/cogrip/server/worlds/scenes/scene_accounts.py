@@ -11,9 +11,9 @@ from cogrip.protocol.settings.task import Task
 from cogrip.server.worlds.accounts import ToolAccounts
 from cogrip.server.worlds.energy_limiter import EnergyLimiter
 from cogrip.server.worlds.progress import Progress
-from cogrip.server.worlds.scene_contacts import SceneContacts, Touch
-from cogrip.server.worlds.scene_file import Scene, body_of
-from cogrip.server.worlds.task_watch import ADDED, TaskWatch
+from cogrip.server.worlds.scenes.scene_contacts import SceneContacts, Touch
+from cogrip.server.worlds.scenes.scene_file import Scene, body_of
+from cogrip.server.worlds.scenes.task_watch import ADDED, TaskWatch
 
 Row = tuple[float, ...]
 

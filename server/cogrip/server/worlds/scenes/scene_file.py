@@ -27,9 +27,9 @@ from cogrip.protocol.axes import PLACES, POSE_AXES
 from cogrip.protocol.settings.sections import Settings
 from cogrip.protocol.settings.types import PINCH, Orientation, Side
 from cogrip.protocol.texts import shown
-from cogrip.server.worlds.scene_places import CLEAR_M, SITE, Placed, place_tools
-from cogrip.server.worlds.scene_start import Start, names_of, start_of
-from cogrip.server.worlds.scene_text import (
+from cogrip.server.worlds.scenes.scene_places import CLEAR_M, SITE, Placed, place_tools
+from cogrip.server.worlds.scenes.scene_start import Start, names_of, start_of
+from cogrip.server.worlds.scenes.scene_text import (
     MOST_NAMED,
     OutsideError,
     SceneError,

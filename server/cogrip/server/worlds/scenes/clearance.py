@@ -9,8 +9,8 @@ import mujoco  # type: ignore[import-untyped]
 import numpy as np
 from numpy.typing import NDArray
 
-from cogrip.server.worlds.local_geometry import LocalGeometry
-from cogrip.server.worlds.scene_file import Scene
+from cogrip.server.worlds.scenes.local_geometry import LocalGeometry
+from cogrip.server.worlds.scenes.scene_file import Scene
 
 NEAR_M = 0.005  # distance within which contacts are looked for
 _PLANE, _FIELD = int(mujoco.mjtGeom.mjGEOM_PLANE), int(mujoco.mjtGeom.mjGEOM_HFIELD)

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cogrip.protocol.texts import shown
-from cogrip.server.worlds.scene_text import SceneError, listed
+from cogrip.server.worlds.scenes.scene_text import SceneError, listed
 
 Array = NDArray[np.float64]
 _WIDTHS = {

@@ -14,7 +14,7 @@ import numpy as np
 from cogrip.protocol.axes import PLACES
 from cogrip.protocol.laws.rotations import UNTURNED, Quaternion, exp, inverse, product
 from cogrip.server.worlds.orientation_drift import Array, DriftCorrection
-from cogrip.server.worlds.scene_file import Scene
+from cogrip.server.worlds.scenes.scene_file import Scene
 from cogrip.server.worlds.world import turn
 
 

@@ -1,4 +1,4 @@
-cdef class EffectSource:
+cdef class SeatEffects:
     cdef public object asked_n
     cdef public double stored_j
     cdef public double work_j

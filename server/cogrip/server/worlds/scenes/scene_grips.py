@@ -6,7 +6,7 @@ import mujoco  # type: ignore[import-untyped]
 import numpy as np
 from numpy.typing import NDArray
 
-from cogrip.server.worlds.scene_file import Tool
+from cogrip.server.worlds.scenes.scene_file import Tool
 from cogrip.server.worlds.world import Array
 
 

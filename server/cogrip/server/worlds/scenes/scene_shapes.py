@@ -15,10 +15,10 @@ from numpy.typing import NDArray
 
 from cogrip.machine.addition import add_integers
 from cogrip.protocol.drawing import MOST_SHAPES, Shape, ShapeKind
-from cogrip.server.worlds.scene_file import Scene
-from cogrip.server.worlds.scene_points import NO_COLOUR, ScenePoints, colour_of, with_mean
-from cogrip.server.worlds.scene_surfaces import FIELD, MESH, is_surface, shares, surface_of, textured
-from cogrip.server.worlds.scene_textures import texture_of, tile_of
+from cogrip.server.worlds.scenes.scene_file import Scene
+from cogrip.server.worlds.scenes.scene_points import NO_COLOUR, ScenePoints, colour_of, with_mean
+from cogrip.server.worlds.scenes.scene_surfaces import FIELD, MESH, is_surface, shares, surface_of, textured
+from cogrip.server.worlds.scenes.scene_textures import texture_of, tile_of
 
 _KINDS: dict[int, ShapeKind] = {
     int(mujoco.mjtGeom.mjGEOM_BOX): "box",
