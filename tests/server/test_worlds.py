@@ -14,7 +14,7 @@ from cogrip.server.worlds.grip import RAMP_S, GripWorld
 from cogrip.server.worlds.lagged import CoupledWorld, LaggedWorld, PaperWorld
 from cogrip.server.worlds.power import PowerWorld
 from cogrip.server.worlds.push import PushWorld
-from cogrip.server.worlds.small_room import SmallGripWorld
+from cogrip.server.worlds.small_grip import SmallGripWorld
 from cogrip.server.worlds.world import WORKSPACE_M, World
 
 from tests.server.object_worlds import seats, stored_j

@@ -25,7 +25,7 @@ from cogrip.server.worlds.partners import PartnersWorld
 from cogrip.server.worlds.power import PowerWorld
 from cogrip.server.worlds.registry import make_guarded, world_class_of
 from cogrip.server.worlds.scenes.scene_text import SceneError
-from cogrip.server.worlds.small_room import MOST, SmallGripWorld
+from cogrip.server.worlds.small_grip import MOST, SmallGripWorld
 from cogrip.server.worlds.world import World
 
 if TYPE_CHECKING:

@@ -1,6 +1,8 @@
 """A free object that people grip from all sides: implicit midpoint with the wave ports solved in the same step.
 
-Passive for any K, B, b, m_o, n (theory section 3.3); the balance there holds to machine precision at every step.
+Symbols: K, B stiffness and damping of each of n springs, e its stretch, b wave impedance of its port, m_o mass of the object.
+Passive for any of them (theory section 3.3); the balance there holds to machine precision at every step. Where few hold the
+object `small_grip` makes the same step in plain floats.
 """
 
 from collections.abc import Sequence

@@ -10,7 +10,7 @@ from numpy.typing import ArrayLike
 
 from cogrip.server.schemes import make_world
 from cogrip.server.worlds.grip import GripWorld
-from cogrip.server.worlds.small_room import MOST, SmallGripWorld
+from cogrip.server.worlds.small_grip import MOST, SmallGripWorld
 
 from tests.server.object_worlds import FOLLOWING, drawn_seats, seats
 
