@@ -230,6 +230,7 @@ CLOTH = """<mujoco><worldbody>
 <body name="ball" pos="0 0 .14"><freejoint/><geom type="sphere" size=".015" mass=".02"/></body></worldbody></mujoco>"""
 
 
+@pytest.mark.long
 def test_check_of_a_scene_that_makes_energy_is_no_success_and_its_cure_is_one(cogrip: Cogrip, folder: Path) -> None:
     (folder / "cloth.xml").write_text(CLOTH)
     out = cogrip.out("worlds check cloth.xml", code=1)
