@@ -76,6 +76,7 @@ class EffectForce(SeatEffects):
     def __init__(self, axes: int, tick_s: float, base_nspm: float) -> None:
         """base_nspm: damping that the coupling has of what the device carries."""
         super().__init__()
+        self.present = True
         self._axes, self._places, self._tick_s, self._base = axes, min(axes, PLACES), tick_s, base_nspm
         self._entries: dict[int, _Entry] = {}
         self._known: deque[int] = deque(maxlen=8 * MOST_EFFECTS)

@@ -14,6 +14,7 @@ Row = tuple[float, ...]
 class SeatEffects:
     """No effects: nothing is rendered, and no energy moves. Forces are shape (axes,) [N].
 
+    present   whether there are any
     asked_n   force of this tick, before ramp and limits; None where there is none
     stored_j  in springs, as far as they are rendered
     work_j    of the hand against all effects so far
@@ -21,6 +22,7 @@ class SeatEffects:
     """
 
     def __init__(self) -> None:
+        self.present = False
         self.asked_n: Row | None = None
         self.stored_j = self.work_j = 0.0
         self.reduced = False

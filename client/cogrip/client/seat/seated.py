@@ -286,7 +286,7 @@ class SeatedClient:
         hand, handle = self.hand, self.handle
         if handle is not None and sample is not None:
             handle.read(sample, tick)
-        if sample is not None:
+        if sample is not None and self.units.further:
             sample = self.units.lengths(sample)
         position = hand.update(tick, elapsed, sample, self.force_n)
         ended = False
@@ -317,14 +317,17 @@ class SeatedClient:
         coupling, ledger, hand = self.coupling, self.ledger, self.hand
         force = ledger.acting(elapsed, self.force_n) if hand.latency_ticks and elapsed else self.force_n
         frame, ratio, aids = self.frame, ledger.power_ratio, self.aids
-        coupling.applied_n = frame.tool_force(self._coupling_part(elapsed, force, position_m))
+        of_coupling = self._coupling_part(elapsed, force, position_m) if aids.active or self.effects.present else force
+        coupling.applied_n = frame.tool_force(of_coupling)
         if position_m is None or not elapsed:
             mean: Sequence[float] = (0.0,) * len(force)
         else:
             work, mean = work_and_velocity(force, hand.start_m, position_m, self._rate_hz / elapsed)
             ledger.work.add(work)
         first = self.tick - elapsed + 1
-        mean, velocity = frame.shown(mean), frame.shown(hand.start_mps)
+        velocity = hand.start_mps
+        if frame.mapped:
+            mean, velocity = frame.shown(mean), frame.shown(velocity)
         ended, absent, held, hold = False, self.safety.state == "fault", frame.held, 1.0
         if self._stopped is None:
             self._stop_mps = mean
@@ -409,11 +412,11 @@ class SeatedClient:
         force = self._render()
         self.peaks.enter(force, self.force_n, self.units)
         if safety.state == "live" and safety.gain == 1.0:
-            self.shaking.enter(self.effects.rest_of(force))
+            self.shaking.enter(self.effects.rest_of(force) if self.effects.present else force)
         else:
             self.shaking.pause()
         self.force_n = force
-        return self.units.wrench(force)
+        return self.units.wrench(force) if self.units.further else force
 
     def _render(self) -> tuple[float, ...]:
         """Return the force of this tick [N], shape (axes,): of all sources, limited by energy (`port`), then by `safety`.
@@ -435,7 +438,8 @@ class SeatedClient:
             limited_n = port.limit(wanted_n)
         force = safety.limit(limited_n, coupling.gap())
         coupling.ramp_gain, port.ramped = safety.gain, safety.gain != 1.0
-        aids.share(wanted_n, force)
+        if aids.active:
+            aids.share(wanted_n, force)
         if law_n is not None and wanted_n is not None and safety.state == "live":
             self._watch(law_n, wanted_n, force)
         return force

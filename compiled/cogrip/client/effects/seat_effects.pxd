@@ -1,4 +1,5 @@
 cdef class SeatEffects:
+    cdef public bint present
     cdef public object asked_n
     cdef public double stored_j
     cdef public double work_j
