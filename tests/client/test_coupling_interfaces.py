@@ -13,7 +13,7 @@ from cogrip.protocol.laws.decimation import Boxcar, Decimator, LastSample, Lowpa
 
 from tests.interfaces import only_named
 
-CONTACTS = (Wall, Face, SceneContact, PoseContact)  # which of them, `make_local` chooses by the kind of object
+CONTACTS = (Wall, Face, SceneContact, PoseContact)  # `make_local` chooses one by the kind of object
 COUPLINGS = (*[make for make in SCHEMES.values() if isinstance(make, type)], LocalCoupling)
 
 

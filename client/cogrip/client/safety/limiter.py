@@ -38,7 +38,7 @@ NEAR_THERMAL_LIMIT = "near thermal limit"  # reason that is counted before anyth
 DERATED_S = 10.0  # time of thermal derating, in a counter that falls while there is none, after which it is a fault
 
 DRIVES = "if the device drives itself, `cogrip devices conform` tells a wrong sign or gain"
-"""What to try after a fault that a device with a wrong sign brings about as well as a hand."""
+"""Advice after a fault that a device with a wrong sign brings about as well as a hand."""
 SLOWER = f"slow down, then re-arm; {DRIVES}"
 
 State = Literal["idle", "calibrating", "armed", "live", "clutched", "degraded", "fault"]

@@ -263,7 +263,7 @@ def _made(
 
 
 SCRIPTED = ("mocap bodies", "ctrl of actuators")
-"""What is used of a scene where it has a script, as `Scene.unused` begins with it."""
+"""Beginning of the words in `Scene.unused` that a script of the scene uses after all."""
 
 _tried: set[str] = set()
 """Whole digests of scenes that passed their trial in this process."""

@@ -173,7 +173,7 @@ class _Reader:
         self._elements, self._texts = 0, 0
         self._left = MOST_FILES_BYTES
         self._outside: dict[str, list[Path]] = {}
-        """What an error says of a file that is named and not read, and folders that the scene's would have to be above."""
+        """Words of an error about a file that is named and not read, and folders that the scene's would have to be above."""
 
     def read(self, text: str, main: str) -> SceneFiles:
         """Return the files of the scene of this text. Raises SceneError."""
