@@ -12,8 +12,10 @@ from msgspec.structs import replace
 
 from cogrip.client.effects.active import Grating, Vibration
 from cogrip.client.effects.force import PASSIVE, EffectForce
+from cogrip.client.effects.force_source import AtHand, ForceSources
 from cogrip.client.effects.tank import EnergyTank
 from cogrip.client.hand.frame import HandFrame
+from cogrip.devices.device import Capability
 from cogrip.protocol.settings.effects import MOST_EFFECTS, Effect, unfit_effect
 from cogrip.protocol.wire.messages import Effects
 
@@ -44,10 +46,21 @@ SPRINGS = (
 places = st.lists(st.floats(-0.02, 0.02), min_size=3, max_size=3)
 
 
+def at_hand(
+    tick: int, place_m: tuple[float, ...], rate_mps: tuple[float, ...], gain: float = 1.0,
+    carried: tuple[float, float] = CARRIED,
+) -> AtHand:  # fmt: skip
+    return AtHand(tick, place_m, rate_mps, HandFrame(), gain, *carried)
+
+
+def fit(effects: EffectForce, record: Capability) -> None:
+    effects.fit(record, record, 1.0)
+
+
 def force_of(*effects: Effect, axes: int = 1, tank_mj: float = 10.0, latency: int = 0) -> EffectForce:
     """Return the effects of a seat that has been told of these."""
     found = EffectForce(axes, TICK_S, 0.0)
-    found.fit(capability(axes, latency=latency, speed_mps=1.0), 1.0)
+    fit(found, capability(axes, latency=latency, speed_mps=1.0))
     numbers = tuple(range(1, len(effects) + 1))
     for number, each in enumerate(effects, 1):
         assert not found.tell(Effects(1, 1, numbers, tank_mj, number, each), 0)
@@ -59,9 +72,9 @@ def held(effects: EffectForce, ticks: int, place: Callable[[int], float] = lambd
     before, force, forces = place(0), (0.0,), []
     for tick in range(ticks):
         now = place(tick)
-        effects.enter(1, force, force, (before,), (now,))
-        asked = effects.step(tick, (now,), ((now - before) / TICK_S,), 1.0, CARRIED, HandFrame())
-        force = effects._law = tuple(asked or (0.0,))
+        effects.enter(1, 1.0, (before,), (now,))
+        asked = effects.force(at_hand(tick, (now,), ((now - before) / TICK_S,)))
+        force = tuple(asked or (0.0,))
         forces.append(force[0])
         before = now
     return forces
@@ -77,7 +90,7 @@ def rendered(
 ) -> float:
     """Keep a hand at a place. Returns the last force along its last axis; 0 without one."""
     rate = (0.0,) * (len(place) - 1) + (speed,)
-    force = [effects.step(tick, place, rate, 1.0, carried, HandFrame()) for tick in ticks][-1]
+    force = [effects.force(at_hand(tick, place, rate, carried=carried)) for tick in ticks][-1]
     return force[-1] if force else 0.0
 
 
@@ -181,12 +194,12 @@ def test_numbers_next_to_zero_are_refused_or_give_a_finite_force(make: Callable[
     assert unfit_effect(make(least), 2) == ""
     for size in (least, 5e-324, 1e-200, 1e-160):
         rig = EffectForce(2, TICK_S, 0.0)
-        rig.fit(capability(2), 1.0)
+        fit(rig, capability(2))
         fits = not unfit_effect(make(size), 2)
         assert fits is (size >= least)
         assert rig.tell(Effects(1, 1, (1,), 10.0, 1, make(size)), 0) == ("" if fits else "unfit effect")
         for tick in range(32):
-            force = rig.step(tick, (1e-3, 1e-3), (0.1, 0.1), 1.0, CARRIED, HandFrame())
+            force = rig.force(at_hand(tick, (1e-3, 1e-3), (0.1, 0.1)))
             assert force is None or all(map(math.isfinite, force))
 
 
@@ -195,10 +208,10 @@ def test_no_more_of_a_force_is_taken_for_effects_than_was_asked(law: float, appl
     """law: of coupling and effects, which may cancel out while slope limits still hold a force."""
     effects = force_of(WALL)
     rendered(effects, range(64), -1e-3)
-    asked = effects.step(64, (0.01,), (0.0,), 1.0, CARRIED, HandFrame())
-    assert asked is not None
-    effects._law = (law,)
-    effects.enter(1, (applied,), (applied,), (0.01,), (0.01,))
+    sources = ForceSources(effects)
+    asked = sources.added((0.0,), at_hand(64, (0.01,), (0.0,)))
+    sources.wish_n = (law,)
+    sources.enter(1, (applied,), (applied,), (0.01,), (0.01,))
     assert all(0.0 <= own <= all_of for own, all_of in zip(effects.acted_n, asked, strict=True))
 
 
@@ -212,7 +225,7 @@ def test_viscous_field_has_its_coefficient() -> None:
 @pytest.mark.parametrize(("carried", "expected"), [((50.0, 1e5), 8.0), ((22.0, 1e5), 2.0), ((20.0, 1e5), 0.0)])
 def test_dampers_get_what_the_coupling_leaves_of_the_device(carried: tuple[float, float], expected: float) -> None:
     effects = EffectForce(1, TICK_S, 20.0)
-    effects.fit(capability(), 1.0)
+    fit(effects, capability())
     effects.tell(Effects(1, 1, (1,), 1.0, 1, Effect("viscous", damping_nspm=8.0)), 0)
     assert rendered(effects, range(64), 0.0, speed=1.0, carried=carried) == pytest.approx(expected)
     assert effects.reduced is (expected < 8.0)
@@ -236,7 +249,7 @@ def test_fixture_around_a_hand_comes_as_far_as_the_tank_pays() -> None:
     """A path 20 mm from the hand stores 40 mJ; the tank has 10 mJ, so a quarter of it is rendered, and nothing is given."""
     effects = force_of(Effect("path", points_m=PATH, stiffness_npm=200.0), axes=2)
     assert rendered(effects, range(256), 0.05, 0.02) == pytest.approx(0.25 * 4.0)
-    assert effects.stored_j == pytest.approx(0.01)
+    assert effects.held_j == pytest.approx(0.01)
     assert effects.tank.level_j == pytest.approx(0.0, abs=1e-12)
     rendered(effects, range(256, 300), 0.05, 0.0)  # there it costs nothing
     assert rendered(effects, range(300, 301), 0.05, 0.005) == pytest.approx(1.0)
@@ -274,16 +287,16 @@ def test_tank_is_never_overdrawn(
 ) -> None:
     """Whatever the hand does within the device's speed limit, and however the gain of safety falls and rises."""
     rig = force_of(*effects, *more, tank_mj=tank_mj, latency=latency)
+    sources = ForceSources(rig)
     place, before, force, given_j = 0.0, 0.0, (0.0,), 0.0
     active = [0.0] * (latency + 1)
     for tick, (step, gain) in enumerate(steps):
         place += step * TICK_S
-        rig.enter(1, force, force, (before,), (place,))
+        sources.enter(1, force, force, (before,), (place,))
         given_j -= active[tick] * (place - before)
-        law = rig.step(tick, (place,), (step,), gain, CARRIED, HandFrame())
-        rig._law = tuple(law or (0.0,))
-        force = (gain * rig._law[0],)
-        active.append(gain * rig.active_n[0] if law else 0.0)
+        sources.wish_n = wish_n = sources.added((0.0,), at_hand(tick, (place,), (step,), gain))
+        force = (gain * wish_n[0],)
+        active.append(gain * rig.active_n[0] if rig.asked_n else 0.0)
         before = place
         assert rig.tank.overdrawn_j <= 1e-15
         assert 0.0 <= rig.tank.least_j <= rig.tank.level_j <= rig.tank.capacity_j
@@ -311,10 +324,10 @@ def test_effects_are_taken_once_and_end_as_told() -> None:
     assert rig.tell(Effects(1, 1, (1, 2), 1.0, 2, Effect("viscous")), 0) == "unfit effect"  # without a damper
     assert rig.known((1, 2)) == (1, 2)  # it is not told again
     assert rig.tell(Effects(1, 0, (), 1.0), 0) == "late effects"
-    assert rig.step(1, (-0.001,), (0.0,), 1.0, CARRIED, HandFrame()) is not None
+    assert rig.force(at_hand(1, (-0.001,), (0.0,))) is not None
     assert rig.tell(Effects(1, 2, (), 1.0), 1) == ""
     rendered(rig, range(2, 63), -0.001)
-    assert rig.step(63, (-0.001,), (0.0,), 1.0, CARRIED, HandFrame()) is None
+    assert rig.force(at_hand(63, (-0.001,), (0.0,))) is None
     for number in range(3, 100):
         rig.tell(Effects(1, 2 + number, (number,), 1.0, number, WALL), 64)
     assert len(rig._entries) <= 2 * MOST_EFFECTS

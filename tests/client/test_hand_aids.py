@@ -6,7 +6,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from cogrip.client.effects.force_source import AtHand
 from cogrip.client.effects.hand_aids import HandAids
+from cogrip.client.hand.frame import HandFrame
 from cogrip.devices.device import GRAVITY_MPS2
 from cogrip.protocol.settings.hand import NO_LIMIT, HandChange
 
@@ -22,7 +24,7 @@ def test_what_a_carried_weight_has_taken_is_a_function_of_the_height(steps: list
     aids, first_m = HandAids(NO_LIMIT, False, record, 1.0 / 1024), None
     for carried, height_m in steps:
         aids.change(HandChange(gravity_compensation=carried))
-        aids.force((0.0, 0.0, height_m), (0.0, 0.0, 0.0))
+        aids.force(AtHand(0, (0.0, 0.0, height_m), (0.0, 0.0, 0.0), HandFrame(), 1.0, 20.0, 1e3))
         if carried:
             first_m = height_m if first_m is None else first_m
             taken_j = HANDLE_KG * GRAVITY_MPS2 * (height_m - first_m)

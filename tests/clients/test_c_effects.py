@@ -11,6 +11,7 @@ import pytest
 from msgspec.structs import replace
 
 from cogrip.client.effects.force import EffectForce
+from cogrip.client.effects.force_source import AtHand, ForceSources
 from cogrip.client.hand.frame import HandFrame
 from cogrip.protocol.settings.effects import MOST_POINTS, Effect, EffectKind
 from cogrip.protocol.wire.messages import Effects, decode, encode
@@ -63,7 +64,9 @@ class Pair:
         numbers = (TICK_S, CARRIED_NSPM, LAG_S, BASE_NSPM, SPEED_MPS, SLEW_NPS, FREE_J)
         library.probe_effects(axes, (c_double * 7)(*numbers))
         self.reference = EffectForce(axes, TICK_S, BASE_NSPM)
-        self.reference.fit(capability(axes, speed_mps=SPEED_MPS), FREE_J)
+        record = capability(axes, speed_mps=SPEED_MPS)
+        self.reference.fit(record, record, FREE_J)
+        self.sources = ForceSources(self.reference)
 
     def tell(self, told: Effects, tick: int) -> str:
         datagram = encode(told)
@@ -79,18 +82,20 @@ class Pair:
         speed = [(b - a) / TICK_S for a, b in zip(start, end, strict=True)]
         out, rows = (c_double * (AXES + 7))(), [(c_double * AXES)(*row) for row in (held, start, end, speed, law)]
         self.library.probe_effects_tick(tick, *rows[:4], gain, rows[4], out)
-        one = self.reference
-        one.enter(1, held, held, start, end)
+        one, sources = self.reference, self.sources
+        sources.look()
+        sources.enter(1, tuple(held), held, tuple(start), tuple(end))
         if gain < 0.0:
             one.begin_anew()
             asked = None
         else:
-            asked = one.step(tick, end, speed, gain, (CARRIED_NSPM, CARRIED_NSPM / LAG_S), HandFrame())
-            one._law = law if asked is None else [a + b for a, b in zip(law, asked, strict=True)]
+            at = AtHand(tick, tuple(end), speed, HandFrame(), gain, CARRIED_NSPM, CARRIED_NSPM / LAG_S)
+            sources.wish_n = sources.added(law, at)
+            asked = one.asked_n
             shares = [entry.share for entry in one._entries.values()]
             assert bool(out[AXES + 6]) is one.reduced or max(shares) < 1e-9  # one that rounding has ended a tick before
         assert list(out[: self.axes]) == pytest.approx(asked or [0.0] * self.axes, rel=1e-9, abs=1e-9)
-        wanted = [*(getattr(one.tank, name) for name in STATE), one.work_j, one.stored_j]
+        wanted = [*(getattr(one.tank, name) for name in STATE), one.work_j, one.held_j]
         assert list(out[AXES : AXES + 6]) == pytest.approx(wanted, rel=1e-9, abs=1e-12)
         assert out[AXES] >= 0.0
         return list(out[: self.axes])

@@ -16,15 +16,11 @@ from math import hypot, inf
 
 from cogrip.client.effects.active import Grating, Vibration
 from cogrip.client.effects.fields import ViscousField
+from cogrip.client.effects.force_source import AtHand, ForceSource
 from cogrip.client.effects.laws import ActiveLaw, PassiveLaw, Row
-from cogrip.client.effects.seat_effects import SeatEffects
 from cogrip.client.effects.springs import ForbiddenZone, GuidingPath, Magnet
 from cogrip.client.effects.tank import EnergyTank
-from cogrip.client.hand.frame import HandFrame
 from cogrip.client.rows.delay_line import DelayLine
-from cogrip.client.rows.springs import part_of
-from cogrip.client.safety.device_port import DevicePort
-from cogrip.client.safety.limiter import Safety
 from cogrip.devices.device import MOST_SLOPE_NPS, Capability
 from cogrip.machine.addition import add_floats
 from cogrip.protocol.axes import PLACES
@@ -61,22 +57,16 @@ class _Entry:
         self.ended = False
 
 
-class EffectForce(SeatEffects):
+class EffectForce(ForceSource):
     """Effects of a seat of `axes` axes, the first three of them places; forces are shape (axes,) [N].
 
-    asked_n   force of this tick, before ramp and limits; None where there is none
-    active_n  its part that does not follow the hand's motion
-    local_n   the rest of it
-    acted_n   what acted in the ticks that were entered last; () for nothing
-    work_j    of the hand against all effects so far
-    stored_j  in springs, as far as they are rendered
-    reduced   whether less than was asked for is rendered, for the device's sake
+    tank    what pays for active effects, and for springs that appear around a hand
+    held_j  energy in springs, as far as they are rendered
     """
 
     def __init__(self, axes: int, tick_s: float, base_nspm: float) -> None:
         """base_nspm: damping that the coupling has of what the device carries."""
-        super().__init__()
-        self.present = True
+        super().__init__(present=False)  # until the first effect is told
         self._axes, self._places, self._tick_s, self._base = axes, min(axes, PLACES), tick_s, base_nspm
         self._entries: dict[int, _Entry] = {}
         self._known: deque[int] = deque(maxlen=8 * MOST_EFFECTS)
@@ -84,18 +74,14 @@ class EffectForce(SeatEffects):
         self._rows: DelayLine[tuple[Row, Row, Row]] = DelayLine()  # in all, active, damper: as asked
         self._held: tuple[Row, Row, Row] = _NO_ROWS
         self._reserved: deque[float] = deque(maxlen=1)  # for active forces that have yet to act, this tick's the last
-        self._law: Sequence[float] = ()  # of all at the hand, of the last tick that had one
         self.tank = EnergyTank()
-        self.active_n: Row = ()
-        self.local_n: Row = ()
-        self.acted_n: Row = ()
+        self.held_j = 0.0
         self._version = 0
         self._told = 0
 
     # Told by the server
 
-    def fit(self, record: Capability, free_j: float) -> None:
-        """Go by this device. free_j: what the device port lends before it does anything about it."""
+    def fit(self, record: Capability, own: Capability, free_j: float) -> None:
         self._step_m = record.speed_mps * self._tick_s
         self._slope_nps = min(record.slew_nps, MOST_SLOPE_NPS)
         self._free_j = free_j
@@ -119,6 +105,7 @@ class EffectForce(SeatEffects):
         if unfit_effect(effect, self._axes) or len(self._entries) >= 2 * MOST_EFFECTS:
             return "unfit effect"
         self._entries[number] = _Entry(effect, self._places, self._tick_s, tick)
+        self.present = True
         self._told += 1
         return ""
 
@@ -136,58 +123,33 @@ class EffectForce(SeatEffects):
 
     # The ledger
 
-    def enter(
-        self, elapsed: int, held_n: Row, acting_n: Row, start_m: Sequence[float], end_m: Sequence[float] | None
-    ) -> Row:
-        """Enter a displacement of the hand. Returns the coupling's part of what acted in it.
-
-        held_n: to the motors over these `elapsed` ticks; acting_n: while the hand moved so, where samples are old
-        """
-        law, rows = self._law, self._held
-        if rows[0]:
-            scale = min(
-                1.0, max(0.0, part_of(held_n, law))
-            )  # where coupling and effects cancel out the law is next to 0
-            if scale != 1.0:
-                rows = tuple([[scale * each for each in row] for row in rows])  # type: ignore[assignment]
+    def enter(self, elapsed: int, part: float, start_m: Row, end_m: Row | None) -> Row:
+        rows = self._held
+        if rows[0] and part != 1.0:
+            rows = tuple([[part * each for each in row] for row in rows])  # type: ignore[assignment]
         acted, active, damper = self._rows.push(rows) if elapsed == 1 else self._rows.push_many(rows, elapsed)[-1]
-        self.acted_n = acted
-        if not acted:
-            return acting_n
-        if end_m is not None:
+        if acted and end_m is not None:
             self.tank.worked(_work(active, start_m, end_m))
             self.tank.damped(_work(damper, start_m, end_m))
             self.work_j += _work(acted, start_m, end_m)
-        return [of_all - own for of_all, own in zip(acting_n, acted, strict=True)]
+        return acted
 
     # The force
 
-    def step(
-        self,
-        tick: int,
-        position_m: Row,
-        velocity_mps: Row,
-        gain: float,
-        carried: tuple[float, float],
-        frame: HandFrame,
-    ) -> Row | None:
-        """Return the force of all effects [N] until the next tick, shape (axes,), before the ramp; None for none.
-
-        gain      of that ramp, as it will be in this tick
-        carried   impedance [N s/m] and stiffness [N/m] that the device carries, at the tool
-        frame     of the hand: places and velocities are the tool's, the force is the hand's
-        """
+    def force(self, at: AtHand) -> tuple[float, ...] | None:
         self._held, self.asked_n, self.reduced = _NO_ROWS, None, False
         if not self._entries:
-            self.stored_j = 0.0
+            self.held_j = 0.0
             self._reserved.append(0.0)
             return None
         self._leave_out()
         for entry in self._entries.values():
-            if tick - entry.begun >= entry.left_ticks:
+            if at.tick - entry.begun >= entry.left_ticks:
                 entry.ended = True
+        frame, gain, carried = at.frame, at.gain, (at.carried_nspm, at.carried_npm)
+        position_m, velocity_mps = frame.place(at.position_m), frame.shown(at.velocity_mps)
         per_tool = frame.tool.force_scale / frame.tool.position_scale
-        active = self._active(tick, position_m, gain, carried[1], per_tool)
+        active = self._active(at.tick, position_m, gain, at.carried_npm, per_tool)
         spring, damper = self._passive(position_m, velocity_mps, gain, carried, frame.power_ratio)
         at_hand = [frame.hand_force(row) for row in (active, spring, damper)]
         total = tuple([a + s + d for a, s, d in zip(*at_hand, strict=True)])
@@ -196,20 +158,12 @@ class EffectForce(SeatEffects):
         self.asked_n = total
         return total
 
-    def added(
-        self, tick: int, coupling_n: Sequence[float], hand_m: tuple[float, ...], hand_mps: Sequence[float], safety: Safety,
-        port: DevicePort, frame: HandFrame,
-    ) -> Sequence[float]:  # fmt: skip
-        carried = port.carried_nspm / frame.stiffest
-        most_npm = carried / port.lag_s if port.lag_s else inf
-        at_m, rates = frame.place(hand_m), frame.shown(hand_mps)
-        more = self.step(tick, at_m, rates, safety.coming_gain(), (carried, most_npm), frame)
-        self._law = coupling_n if more is None else [a + b for a, b in zip(coupling_n, more, strict=True)]
-        return self._law
+    def stored_j(self, position_m: Row) -> float:
+        return self.held_j
 
     def begin_anew(self) -> None:
-        """Render nothing from now on, and let each effect come again: what springs held is lost."""
-        self.asked_n, self.stored_j = None, 0.0
+        super().begin_anew()
+        self.held_j = 0.0
         for entry in self._entries.values():
             entry.share = entry.stored_j = 0.0
         self._leave_out()
@@ -217,15 +171,6 @@ class EffectForce(SeatEffects):
     def _leave_out(self) -> None:
         for number in [number for number, entry in self._entries.items() if entry.ended and not entry.share]:
             del self._entries[number]
-
-    def watched(self, local_n: Row, force_n: Row, gain: float) -> tuple[Row, Row]:
-        """Return for the detector of oscillation what follows the hand's motion, and the force less what follows time."""
-        local = [a + b for a, b in zip(local_n, self.local_n, strict=True)]
-        return local, [a - gain * b for a, b in zip(force_n, self.active_n, strict=True)]
-
-    def rest_of(self, force_n: tuple[float, ...]) -> tuple[float, ...]:
-        """Return a force without the effects' part of what acted last."""
-        return tuple([a - b for a, b in zip(force_n, self.acted_n, strict=True)]) if self.acted_n else force_n
 
     def _active(self, tick: int, position_m: Row, gain: float, stiffness_npm: float, per_tool: float) -> list[float]:
         """Return the force of the active effects, within what the tank holds. per_tool: force at the hand by the tool's."""
@@ -282,11 +227,11 @@ class EffectForce(SeatEffects):
         most_k = min(1.0, carried[1] / stiffness) if stiffness else 1.0
         most_b = min(1.0, max(0.0, carried[0] - self._base) / damping) if damping else 1.0
         self.reduced = self.reduced or most_k < 1.0 or most_b < 1.0
-        self.stored_j = 0.0
+        self.held_j = 0.0
         for entry, felt in found:
             goal = 0.0 if entry.ended else gain * most_k
             self._pay(entry, goal, gain, power_ratio * felt.stored_j, felt.spring_n)
-            self.stored_j += entry.stored_j
+            self.held_j += entry.stored_j
             if not entry.share or not gain:
                 continue
             part = entry.share / gain

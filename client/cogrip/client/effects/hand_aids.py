@@ -12,10 +12,9 @@ times the height, goes to the device's ledger, so a closed path does no work, wh
 from collections.abc import Sequence
 from math import hypot, sqrt
 
-from cogrip.client.coupling.interface import Row
+from cogrip.client.effects.force_source import AtHand, ForceSource, Row
 from cogrip.client.hand.velocity import largest_impedance
-from cogrip.client.rows.delay_line import DelayLine, mean_row
-from cogrip.client.rows.springs import part_of, spring_j
+from cogrip.client.rows.springs import spring_j
 from cogrip.devices.device import GRAVITY_MPS2, Capability
 from cogrip.machine.addition import add_floats
 from cogrip.protocol.axes import PLACES
@@ -29,29 +28,20 @@ DAMPED = 0.7  # damping ratio of the limit; its damper is at most DAMPER_PART of
 DAMPER_PART = 0.25
 
 
-class HandAids:
-    """Limit and weight of one hand. `force` a tick; `share` what of it the hand felt.
-
-    active   whether there is any force to give
-    asked_n  force of this tick, before limits [N], shape (axes,)
-    extra_n  what the hand feels of it in the tick under way [N], shape (axes,)
-    """
+class HandAids(ForceSource):
+    """Limit and weight of one hand."""
 
     def __init__(self, limit: WorkspaceLimit, carries: bool, record: Capability, tick_s: float) -> None:
+        super().__init__(present=False)
         self.limit, self._asked = limit, carries
         self._tick_s = tick_s
-        self._extras: DelayLine[Row] = DelayLine()
         self._height_m: float | None  # at which the weight of this device was carried last
-        self.potential_j = 0.0
-        self.set_record(record)
+        self.fit(record, record, 0.0)
 
-    def set_record(self, record: Capability) -> None:
-        """Set the device record."""
-        self._record, self._axes = record, record.axes
+    def fit(self, record: Capability, own: Capability, free_j: float) -> None:
+        super().fit(record, own, free_j)
+        record, self._record, self._axes = own, own, own.axes  # limit and weight are in the units of each axis
         self._height_m = None
-        self._zero: Row = (0.0,) * record.axes
-        self.extra_n = self.asked_n = self._zero
-        self._extras.set_ticks(record.latency_ticks, self._zero)
         self._most_n = record.continuous_force_n
         least_m = min(high - low for low, high in record.workspace_m)
         self._soft_m = min(SOFT_M, SOFT_PART * least_m)
@@ -79,7 +69,7 @@ class HandAids:
             self._box = [(low + inset, high - inset) for low, high in record.workspace_m]
         self._weight_n = record.handle_mass_kg * GRAVITY_MPS2 if self._asked and self._axes >= PLACES else 0.0
         self._weight_n = min(self._weight_n, self._most_n)
-        self.active = limit.kind != "none" or self._weight_n > 0.0
+        self.present = limit.kind != "none" or self._weight_n > 0.0
 
     @property
     def carries(self) -> bool:
@@ -103,11 +93,11 @@ class HandAids:
                 found.append((far - self._ball[-1], tuple([each / far for each in away]) + rest))
         return found
 
-    def force(self, position_m: Sequence[float], velocity_mps: Sequence[float]) -> Row:
-        """Return the force of both [N], shape (axes,)."""
-        total = list(self._zero)
+    def force(self, at: AtHand) -> Row:
+        position_m = at.position_m
+        total = [0.0] * self._axes
         for depth, outward in self._depths(position_m):
-            speed = add_floats([part * rate for part, rate in zip(outward, velocity_mps, strict=True)])
+            speed = add_floats([part * rate for part, rate in zip(outward, at.velocity_mps, strict=True)])
             size = min(self._most_n, max(0.0, self._stiffness_npm * depth + self._damping_nspm * speed))
             total = [sum_n + size * part for sum_n, part in zip(total, outward, strict=True)]
         if self._weight_n:
@@ -115,28 +105,8 @@ class HandAids:
             if self._height_m is not None:
                 self.potential_j += self._weight_n * (position_m[PLACES - 1] - self._height_m)
             self._height_m = position_m[PLACES - 1]
-        return tuple(total)
+        self.asked_n = asked_n = tuple(total)
+        return asked_n
 
     def stored_j(self, position_m: Sequence[float]) -> float:
-        """Return the energy in the limit's spring."""
         return add_floats([spring_j(self._stiffness_npm, depth, self._most_n) for depth, _ in self._depths(position_m)])
-
-    def added(
-        self, force_n: Sequence[float], position_m: Sequence[float], velocity_mps: Sequence[float]
-    ) -> Sequence[float]:
-        """Return a law's force with that of both."""
-        if not self.active:
-            return force_n
-        self.asked_n = self.force(position_m, velocity_mps)
-        return [law + extra for law, extra in zip(force_n, self.asked_n, strict=True)]
-
-    def share(self, wish_n: Sequence[float] | None, force_n: Sequence[float]) -> None:
-        """Enter which force came of a wish that has `asked_n` in it; None for no wish."""
-        if not self.active:
-            return
-        felt = 0.0 if wish_n is None else min(1.0, max(0.0, part_of(force_n, wish_n)))
-        self.extra_n = tuple([felt * extra for extra in self.asked_n])
-
-    def acting(self, elapsed: int) -> Sequence[float]:
-        """Return the mean extra force over the ticks that samples now show."""
-        return mean_row(self._extras, self.extra_n, elapsed) if self._extras.ticks and elapsed else self.extra_n

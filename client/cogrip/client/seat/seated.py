@@ -7,16 +7,16 @@ skipped the device held the last force: its waves are computed as well.
 
 from collections import deque
 from collections.abc import Callable, Sequence
-from math import dist
-from operator import mul, sub
+from math import dist, inf
+from operator import mul
 
 from msgspec.structs import replace
 
 from cogrip.client.coupling.interface import Coupling
 from cogrip.client.coupling.schemes import make_coupling
 from cogrip.client.effects.force import EffectForce
+from cogrip.client.effects.force_source import AtHand, ForceSources
 from cogrip.client.effects.hand_aids import HandAids
-from cogrip.client.effects.seat_effects import SeatEffects
 from cogrip.client.hand.axes import AxisUnits, Row
 from cogrip.client.hand.felt_stiffness import REST_S, FeltStiffness
 from cogrip.client.hand.grip_axes import GripAxes
@@ -61,9 +61,9 @@ class SeatedClient:
 
     __slots__ = (
         "_acted", "_frame_begin", "_frame_end", "_frame_start_m", "_origin_m", "_origin_pose", "_rate_hz", "_record",
-        "_stop_mps", "_stopped", "_ticks_per_frame", "_wave_end", "_zero_n", "aids", "capability", "coupling",
+        "_stop_mps", "_stopped", "_ticks_per_frame", "_wave_end", "aids", "capability", "coupling",
         "deficit_frames", "effects", "felt", "force_n", "frame", "hand", "handle", "ledger", "orders", "peaks", "port",
-        "safety", "session", "session_id", "settings", "shaking", "tick", "units",
+        "safety", "session", "session_id", "settings", "shaking", "sources", "tick", "units",
     )  # fmt: skip
 
     def __init__(self, seat: SeatSettings, session: ClientSession, capability: Capability, make_port: MakePort) -> None:
@@ -77,11 +77,13 @@ class SeatedClient:
         self.safety = Safety(self.capability, rates.tick_s, seat.coupling.length_scale)
         self.hand = HandMotion(self._record, rates, self.safety, self._masses_kg())
         self.aids = HandAids(seat.workspace_limit, seat.gravity_compensation, self.capability, rates.tick_s)
+        self.effects = EffectForce(axes, rates.tick_s, getattr(seat.coupling, seat.coupling.traits.damper.key))
         self.orders = HandOrders(seat, self.aids)
         self.frame = self.orders.frame
         self.coupling: Coupling = make_coupling(seat)
-        self.effects = SeatEffects()  # none until one is told
         self.port = make_port(self._record, rates.tick_s, rates.ticks_per_frame)
+        self.sources = ForceSources(self.effects, self.aids)
+        self.sources.fit(self._record, self.capability, self.port.tolerated_j)
         # Accounts
         self.ledger = EnergyLedger(self.coupling)
         if self.frame.mapped:
@@ -92,7 +94,6 @@ class SeatedClient:
         self.deficit_frames: deque[float] = deque(maxlen=max(2, round(REST_S / rates.frame_s)))  # of the last live ones
         # The tick and the frame under way
         self.force_n: Row = (0.0,) * axes
-        self._zero_n = self.force_n
         self.tick = self._acted = -1
         self._rate_hz = float(rates.device_hz)
         self._ticks_per_frame = rates.ticks_per_frame
@@ -103,7 +104,7 @@ class SeatedClient:
         self._origin_pose: Row = ()
         self._frame_start_m: tuple[float, ...] = ()
         self._stopped: int | None = None  # tick of `stop`
-        self._stop_mps: Sequence[float] = self._zero_n  # velocity of the hand at `stop`
+        self._stop_mps: Sequence[float] = self.force_n  # velocity of the hand at `stop`
         self._fit()
 
     # Where hand and tool are
@@ -173,8 +174,7 @@ class SeatedClient:
         self.safety.set_record(self.capability)
         self.port.set_record(self._record)
         self.hand.fit(self._record, self._masses_kg())
-        self.aids.set_record(self.capability)
-        self.effects.fit(self._record, self.port.tolerated_j)
+        self.sources.fit(self._record, self.capability, self.port.tolerated_j)
         self._fit()
 
     def renew(self, session_id: int) -> None:
@@ -222,8 +222,9 @@ class SeatedClient:
                 self.ledger.set_power_ratio(self.frame.power_ratio)
                 self.settings = replace(self.settings, tool=self.frame.tool)
                 self._fit_coupling()
-                self.effects.begin_anew()  # their springs held energy by the ratio before
+                self.sources.begin_anew()  # their springs held energy by the ratio before
             if applied.aids:
+                self.sources.look()
                 self.settings = replace(
                     self.settings, workspace_limit=self.aids.limit, gravity_compensation=holds.gravity_compensation
                 )
@@ -264,13 +265,10 @@ class SeatedClient:
 
     def receive_effects(self, told: Effects) -> Effects:
         """Set an effect that the server sent. Return the acknowledgement, with the numbers of all effects that are known."""
-        if not isinstance(self.effects, EffectForce):
-            b = getattr(self.settings.coupling, self.settings.coupling.traits.damper.key)
-            self.effects = effects = EffectForce(len(self.force_n), self.settings.rates.tick_s, b)
-            effects.fit(self._record, self.port.tolerated_j)
         effects = self.effects
         if reason := effects.tell(told, self.tick):
             self.session.drop(reason)
+        self.sources.look()
         return replace(told, numbers=effects.known(told.numbers), effect=None)
 
     def sense(self, tick: int, sample: Sample | None, now_ns: int) -> None:
@@ -316,8 +314,8 @@ class SeatedClient:
         """Add `elapsed` ticks, to the hand's place `latency_ticks` ago, to coupling and ledgers. True if a frame ended."""
         coupling, ledger, hand = self.coupling, self.ledger, self.hand
         force = ledger.acting(elapsed, self.force_n) if hand.latency_ticks and elapsed else self.force_n
-        frame, ratio, aids = self.frame, ledger.power_ratio, self.aids
-        of_coupling = self._coupling_part(elapsed, force, position_m) if aids.active or self.effects.present else force
+        frame, ratio, sources = self.frame, ledger.power_ratio, self.sources
+        of_coupling = self._coupling_part(elapsed, force, position_m) if sources.present and elapsed else force
         coupling.applied_n = frame.tool_force(of_coupling)
         if position_m is None or not elapsed:
             mean: Sequence[float] = (0.0,) * len(force)
@@ -346,28 +344,23 @@ class SeatedClient:
                 coupling.elapse(mean, velocity, hold)
             if tick >= self._frame_end:
                 ended = True
-                port.set_energies(ledger.work.value + aids.potential_j, ledger.given_j, ratio * coupling.pending_j())
+                port.set_energies(ledger.work.value + sources.potential_j, ledger.given_j, ratio * coupling.pending_j())
                 length = coupling.end_frame(port.spare_j / ratio)
-                port.set_energies(ledger.work.value + aids.potential_j, ledger.given_j)  # less what was sent
+                port.set_energies(ledger.work.value + sources.potential_j, ledger.given_j)  # less what was sent
                 if position_m is not None:
                     self._end_frame(position_m, tick - self._frame_begin)
                 self._frame_begin, self._frame_end = tick, tick + length
         given_j, pending_j = ratio * coupling.given_j(), ratio * coupling.pending_j()
-        port.set_energies(ledger.work.value + aids.potential_j, ledger.closed_given_j + given_j, pending_j)
+        port.set_energies(ledger.work.value + sources.potential_j, ledger.closed_given_j + given_j, pending_j)
         ledger.compare()
         return ended
 
     def _coupling_part(self, elapsed: int, force: Sequence[float], position_m: Row | None) -> Sequence[float]:
-        """Return the coupling's part of the force in `elapsed` ticks, and add the work of the effects' part to the ledger."""
-        aids, effects = self.aids, self.effects
-        held_n: Sequence[float] = self.force_n
-        if aids.active:
-            held_n = tuple(map(sub, held_n, aids.extra_n))
-            force = tuple(map(sub, force, aids.acting(elapsed)))
-        if elapsed:
-            force = effects.enter(elapsed, held_n, force, self.hand.start_m, position_m)
-            if effects.work_j != self.ledger.effects_j:
-                self.ledger.set_effects(effects.work_j)
+        """Return the coupling's part of the force in `elapsed` ticks, and add the work of the sources' part to the ledger."""
+        sources = self.sources
+        force = sources.enter(elapsed, self.force_n, force, self.hand.start_m, position_m)
+        if sources.work_j != self.ledger.effects_j:
+            self.ledger.set_effects(sources.work_j)
         return force
 
     def _start_frame(self, tick: int) -> None:
@@ -379,16 +372,16 @@ class SeatedClient:
     def _end_frame(self, position_m: tuple[float, ...], ticks: int) -> None:
         start_m, self._frame_start_m = self._frame_start_m, position_m
         self.peaks.travel_m += dist(position_m[:PLACES], start_m[:PLACES])
-        stored_j, effects = self.ledger.power_ratio * self.coupling.stored_j, self.effects
-        if self.aids.active:
-            stored_j += self.aids.stored_j(position_m)
-        self.port.end_frame(start_m, position_m, ticks / self._rate_hz, stored_j + effects.stored_j)
+        stored_j, sources = self.ledger.power_ratio * self.coupling.stored_j, self.sources
+        if sources.present:
+            stored_j += sources.stored_j(position_m)
+        self.port.end_frame(start_m, position_m, ticks / self._rate_hz, stored_j)
         if self.safety.state != "live":  # the force is released
             return
         self.deficit_frames.append(max(0.0, self.coupling.deficit_frames))
         if self.felt is not None:
             side = self.settings.side_sign
-            force_n = self.frame.tool_force(effects.rest_of(self.force_n))
+            force_n = self.frame.tool_force(sources.rest_of(self.force_n))
             position_m = self.frame.place(position_m)
             depth, direction = self.coupling.pressed or (side * position_m[0], (side,))
             self.felt.add(depth, add_floats(map(mul, direction, force_n)))
@@ -412,56 +405,53 @@ class SeatedClient:
         force = self._render()
         self.peaks.enter(force, self.force_n, self.units)
         if safety.state == "live" and safety.gain == 1.0:
-            self.shaking.enter(self.effects.rest_of(force) if self.effects.present else force)
+            self.shaking.enter(self.sources.rest_of(force) if self.sources.present else force)
         else:
             self.shaking.pause()
         self.force_n = force
         return self.units.wrench(force) if self.units.further else force
 
     def _render(self) -> tuple[float, ...]:
-        """Return the force of this tick [N], shape (axes,): of all sources, limited by energy (`port`), then by `safety`.
-
-        law_n is of coupling, effects and injected damping, wanted_n also of workspace limit and gravity compensation.
-        """
+        """Return the force of this tick [N], shape (axes,): of coupling and sources, limited by energy, then by `safety`."""
         coupling, safety, port, hand, frame = self.coupling, self.safety, self.port, self.hand, self.frame
-        effects, aids, at_m, velocity = self.effects, self.aids, hand.position_m, hand.velocity_mps
+        sources, at_m, velocity = self.sources, hand.position_m, hand.velocity_mps
         port.elapse()
-        coupling.carried_nspm = port.carried_nspm / frame.stiffest
-        coupling.cut_n = law_n = wanted_n = limited_n = None
+        coupling.carried_nspm = carried = port.carried_nspm / frame.stiffest
+        coupling.cut_n = wanted_n = limited_n = None
         if safety.state == "fault":
-            effects.begin_anew()
+            sources.begin_anew()
         else:
-            law_n = frame.hand_force(coupling.force(frame.place(at_m), frame.rates(velocity)))
-            law_n = effects.added(self.tick, law_n, at_m, velocity, safety, port, frame)
-            law_n = port.damped(law_n, velocity)
-            wanted_n = aids.added(law_n, at_m, velocity)
+            wanted_n = frame.hand_force(coupling.force(frame.place(at_m), frame.rates(velocity)))
+            if sources.present:
+                carried_npm = carried / port.lag_s if port.lag_s else inf
+                at = AtHand(self.tick, at_m, velocity, frame, safety.coming_gain(), carried, carried_npm)
+                wanted_n = sources.added(wanted_n, at)
+            sources.wish_n = wanted_n = port.damped(wanted_n, velocity)
             limited_n = port.limit(wanted_n)
         force = safety.limit(limited_n, coupling.gap())
         coupling.ramp_gain, port.ramped = safety.gain, safety.gain != 1.0
-        if aids.active:
-            aids.share(wanted_n, force)
-        if law_n is not None and wanted_n is not None and safety.state == "live":
-            self._watch(law_n, wanted_n, force)
+        if wanted_n is not None and safety.state == "live":
+            self._watch(wanted_n, force)
         return force
 
-    def _watch(self, law_n: Sequence[float], wanted_n: Sequence[float], force: tuple[float, ...]) -> None:
+    def _watch(self, wanted_n: Sequence[float], force: tuple[float, ...]) -> None:
         """Tell the coupling what limits took of its part of the force, and let the port look whether the force oscillates."""
-        coupling, safety, port, effects = self.coupling, self.safety, self.port, self.effects
+        coupling, safety, port, sources = self.coupling, self.safety, self.port, self.sources
         local_n: Sequence[float] = self.frame.hand_force(coupling.local_n)
         watched_n: Sequence[float] = force
         reduced = coupling.reduced
-        if effects.asked_n is not None:
-            local_n, watched_n = effects.watched(local_n, force, safety.gain)
-            reduced = reduced or effects.reduced
+        if sources.asked_n is not None:
+            local_n, watched_n = sources.watched(local_n, force, safety.gain)
+            reduced = reduced or sources.reduced
         if port.ramped:
             local_n = [safety.gain * local for local in local_n]
         elif (clamped_n := safety.clamped_n) is not wanted_n:
-            # the line must not be given energy for force that limits removed
-            cut_n = [law - left for law, left in zip(wanted_n, clamped_n, strict=True)]
-            if self.aids.active or effects.asked_n is not None:
+            # The line must not be given energy for force that limits removed
+            if (others_n := sources.asked_n) is None:
+                cut_n = [wish - left for wish, left in zip(wanted_n, clamped_n, strict=True)]
+            else:
                 fraction = 1.0 - part_of(clamped_n, wanted_n)
-                of_effects = effects.asked_n or self._zero_n
-                cut_n = [fraction * (law - other) for law, other in zip(law_n, of_effects, strict=True)]
+                cut_n = [fraction * (wish - other) for wish, other in zip(wanted_n, others_n, strict=True)]
             coupling.cut_n = self.frame.tool_force(cut_n)
         if cause := port.watch(watched_n, safety.at_peak(), local_n, safety.limited, reduced, coupling.absorbs):
             self._degrade(cause)

@@ -3,8 +3,7 @@ cimport cython
 from cogrip.client.coupling.interface cimport Coupling
 from cogrip.client.safety.device_port cimport DevicePort
 from cogrip.client.safety.energy_ledger cimport EnergyLedger
-from cogrip.client.effects.hand_aids cimport HandAids
-from cogrip.client.effects.seat_effects cimport SeatEffects
+from cogrip.client.effects.force_source cimport ForceSources
 from cogrip.client.hand.axes cimport AxisUnits
 from cogrip.client.hand.frame cimport HandFrame
 from cogrip.client.seat.hand_motion cimport HandMotion, work_and_velocity
@@ -20,8 +19,9 @@ cdef class SeatedClient:
     cdef public AxisUnits units
     cdef public HandFrame frame
     cdef public HandMotion hand
-    cdef public HandAids aids
-    cdef public SeatEffects effects
+    cdef public object aids
+    cdef public object effects
+    cdef public ForceSources sources
     cdef public Coupling coupling
     cdef public Safety safety
     cdef public EnergyLedger ledger
@@ -38,7 +38,6 @@ cdef class SeatedClient:
     cdef public Shaking shaking
     cdef public long long tick
     cdef public long long _acted
-    cdef public tuple _zero_n
     cdef public long long _ticks_per_frame
     cdef public long long _frame_begin
     cdef public long long _frame_end
@@ -58,7 +57,7 @@ cdef class SeatedClient:
     cpdef tuple place(self)
     cdef _follow(self, Sample sample, bint border)
     @cython.locals(
-        coupling=Coupling, ledger=EnergyLedger, hand=HandMotion, frame=HandFrame, port=DevicePort, aids=HandAids, ratio=double, work=double,
+        coupling=Coupling, ledger=EnergyLedger, hand=HandMotion, frame=HandFrame, port=DevicePort, sources=ForceSources, ratio=double, work=double,
         first="long long", tick="long long", length="long long", ended=bint, absent=bint, held=bint, hold=double,
         given_j=double, pending_j=double,
     )
@@ -71,13 +70,13 @@ cdef class SeatedClient:
     @cython.locals(coupling=Coupling, safety=Safety, force=tuple)
     cpdef tuple act(self, long long now_ns)
     @cython.locals(
-        coupling=Coupling, safety=Safety, port=DevicePort, hand=HandMotion, frame=HandFrame, effects=SeatEffects, aids=HandAids,
-        force=tuple,
+        coupling=Coupling, safety=Safety, port=DevicePort, hand=HandMotion, frame=HandFrame, sources=ForceSources,
+        force=tuple, carried=double, carried_npm=double,
     )
     cdef tuple _render(self)
     @cython.locals(
-        coupling=Coupling, safety=Safety, port=DevicePort, effects=SeatEffects, reduced=bint, fraction=double, law=double,
+        coupling=Coupling, safety=Safety, port=DevicePort, sources=ForceSources, reduced=bint, fraction=double, wish=double,
         local=double, left=double, other=double,
     )
-    cdef _watch(self, law_n, wanted_n, tuple force)
+    cdef _watch(self, wanted_n, tuple force)
     cdef _degrade(self, cause)
