@@ -14,12 +14,12 @@ from matplotlib.patches import Circle, Rectangle
 
 from cogrip.cli.settings.settings_file import load
 from cogrip.cli.settings.shipped_settings import shipped
-from cogrip.protocol.settings.effects import Effect
+from cogrip.protocol.settings.effects import EFFECT_KINDS, Effect
 from cogrip.results.plots.style import INK, Sheet, colour, png, title
 from cogrip.sim.laboratory import Laboratory
 
 FOLDER = Path(__file__).parent.parent / "pictures"
-KINDS = ("viscous", "vibration", "texture", "magnet", "path", "zone")
+KINDS = tuple(EFFECT_KINDS)
 VIEW_MM = ((-85.0, 15.0), (-65.0, 65.0))
 
 

@@ -11,8 +11,9 @@ from hypothesis import strategies as st
 from msgspec.structs import replace
 
 from cogrip.client.effects.active import Grating, Vibration
-from cogrip.client.effects.force import PASSIVE, EffectForce
+from cogrip.client.effects.force import LAWS, EffectForce
 from cogrip.client.effects.force_source import AtHand, ForceSources
+from cogrip.client.effects.laws import PassiveLaw
 from cogrip.client.effects.tank import EnergyTank
 from cogrip.client.hand.frame import HandFrame
 from cogrip.devices.device import Capability
@@ -51,6 +52,12 @@ def at_hand(
     carried: tuple[float, float] = CARRIED,
 ) -> AtHand:  # fmt: skip
     return AtHand(tick, place_m, rate_mps, HandFrame(), gain, *carried)
+
+
+def passive(effect: Effect, places: int) -> PassiveLaw:
+    law = LAWS[effect.kind](effect, places, TICK_S)
+    assert isinstance(law, PassiveLaw)
+    return law
 
 
 def fit(effects: EffectForce, record: Capability) -> None:
@@ -99,7 +106,7 @@ def rendered(
 def test_spring_is_the_gradient_of_its_potential_and_no_stiffer_than_it_says(
     effect: Effect, at: list[float], to: list[float]
 ) -> None:
-    law = PASSIVE[effect.kind](effect, 3)
+    law = passive(effect, 3)
     here, there = law.felt(at, STILL), law.felt(to, STILL)
     force = np.array(here.spring_n or STILL)
     step = np.subtract(to, at)
@@ -114,7 +121,7 @@ def test_spring_is_the_gradient_of_its_potential_and_no_stiffer_than_it_says(
 
 
 def test_magnet_has_the_closed_form_of_its_potential() -> None:
-    law = PASSIVE["magnet"](SPRINGS[0], 3)
+    law = passive(SPRINGS[0], 3)
     radius, stiffness = 0.01, 400.0
     for share in (0.0, 0.3, 0.7, 0.999):
         felt = law.felt((0.001 + share * radius, -0.002, 0.0), STILL)
@@ -124,20 +131,20 @@ def test_magnet_has_the_closed_form_of_its_potential() -> None:
     outside = law.felt((0.012, 0.0, 0.0), STILL)
     assert outside.spring_n == ()
     assert outside.stored_j == pytest.approx(stiffness * radius**2 / 6.0)
-    bounded = PASSIVE["magnet"](Effect("magnet", radius_m=0.01, stiffness_npm=4000.0, force_n=2.0), 1)
+    bounded = passive(Effect("magnet", radius_m=0.01, stiffness_npm=4000.0, force_n=2.0), 1)
     forces = [bounded.felt((0.01 * share / 1000.0,), (0.0,)).spring_n for share in range(1000)]
     assert max(force[0] for force in forces) == pytest.approx(2.0, rel=1e-4)
 
 
 def test_path_pulls_across_by_k_d_and_lets_go_along() -> None:
-    law = PASSIVE["path"](Effect("path", points_m=PATH, stiffness_npm=200.0, damping_nspm=2.0), 2)
+    law = passive(Effect("path", points_m=PATH, stiffness_npm=200.0, damping_nspm=2.0), 2)
     felt = law.felt((0.03, 0.004), (0.2, 0.1))
     assert list(felt.spring_n) == pytest.approx([0.0, 0.8])
     assert list(felt.damper_n) == pytest.approx([0.0, 0.2])
 
 
 def test_zone_only_pushes_out() -> None:
-    law = PASSIVE["zone"](Effect("zone", direction=(-2.0, 0.0, 0.0), stiffness_npm=500.0, damping_nspm=4.0), 1)
+    law = passive(Effect("zone", direction=(-2.0, 0.0, 0.0), stiffness_npm=500.0, damping_nspm=4.0), 1)
     assert law.felt((-0.001,), (9.0,)).spring_n == ()
     pressed = law.felt((0.002,), (0.1,))
     assert pressed.spring_n[0] + pressed.damper_n[0] == pytest.approx(1.4)
@@ -239,7 +246,7 @@ def test_springs_are_no_stiffer_than_the_device_carries() -> None:
 
 def test_texture_is_no_stiffer_than_the_device_carries_and_draws_from_the_tank() -> None:
     effect = texture(1.0, 0.002)
-    assert Grating(effect, 1).stiffness_npm == pytest.approx(1000.0 * math.pi)
+    assert Grating(effect, 1, TICK_S).stiffness_npm == pytest.approx(1000.0 * math.pi)
     effects, carried = force_of(effect, tank_mj=5.0), (50.0, 500.0 * math.pi)
     peak = max(rendered(effects, range(tick, tick + 1), 0.0005, carried=carried) for tick in range(64))
     assert peak == pytest.approx(0.5)

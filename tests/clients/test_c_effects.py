@@ -13,7 +13,7 @@ from msgspec.structs import replace
 from cogrip.client.effects.force import EffectForce
 from cogrip.client.effects.force_source import AtHand, ForceSources
 from cogrip.client.hand.frame import HandFrame
-from cogrip.protocol.settings.effects import MOST_POINTS, Effect, EffectKind
+from cogrip.protocol.settings.effects import EFFECT_KINDS, MOST_POINTS, Effect, EffectKind
 from cogrip.protocol.wire.messages import Effects, decode, encode
 
 from tests.client.seated_client import capability
@@ -27,7 +27,7 @@ pytestmark = needs_compiler
 
 TICK_S = 1.0 / HZ
 LAG_S, CARRIED_NSPM, BASE_NSPM, SPEED_MPS, SLEW_NPS, FREE_J = 4.0 * TICK_S, 12.0, 5.0, 1.0, 1000.0, 0.008
-KINDS: tuple[EffectKind, ...] = ("viscous", "vibration", "texture", "magnet", "path", "zone")
+KINDS = tuple(EFFECT_KINDS)
 COUNTS = {"late effects": 20, "unfit effect": 21, "": -1}  # of cogrip.h
 STATE = ("level_j", "least_j", "drawn_j", "overdrawn_j")
 

@@ -29,7 +29,7 @@ class Vibration(ActiveLaw):
 class Grating(ActiveLaw):
     """Grating: F = A sin(2 pi s / period), s the place along its direction. Its stiffness is 2 pi A / period."""
 
-    def __init__(self, effect: Effect, places: int) -> None:
+    def __init__(self, effect: Effect, places: int, tick_s: float) -> None:
         self._box, self._place = Box(effect, places), effect.place_m[:places]
         self._direction = unit(effect.direction, places)
         self._period = effect.period_m

@@ -7,7 +7,7 @@ from cogrip.protocol.settings.effects import Effect
 class ViscousField(PassiveLaw):
     """Dissipates B v^2; its border stores nothing, so it may lie anywhere."""
 
-    def __init__(self, effect: Effect, places: int) -> None:
+    def __init__(self, effect: Effect, places: int, tick_s: float) -> None:
         self._box, self._places = Box(effect, places), places
         self.damping_nspm = effect.damping_nspm
 

@@ -11,7 +11,7 @@ Springs are rendered with at most what the device carries, dampers with what the
 """
 
 from collections import deque
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from math import hypot, inf
 
 from cogrip.client.effects.active import Grating, Vibration
@@ -31,9 +31,11 @@ from cogrip.protocol.wire.messages import Effects
 RAMP_S = 0.02  # time in which an effect fades in or out where it is not at rest
 MOST_STEP_N = 0.5  # largest change of the force in a tick by a spring that fades in or out
 
-PASSIVE: dict[EffectKind, Callable[[Effect, int], PassiveLaw]] = {
-    "viscous": ViscousField, "magnet": Magnet, "path": GuidingPath, "zone": ForbiddenZone,
+LAWS: Mapping[EffectKind, Callable[[Effect, int, float], PassiveLaw | ActiveLaw]] = {
+    "viscous": ViscousField, "vibration": Vibration, "texture": Grating, "magnet": Magnet, "path": GuidingPath,
+    "zone": ForbiddenZone,
 }  # fmt: skip
+"""Law of each kind, made of an effect, the places of the seat and the length of a tick [s]."""
 _NO_ROWS: tuple[Row, Row, Row] = (), (), ()
 
 
@@ -43,14 +45,9 @@ class _Entry:
     __slots__ = ("active", "begun", "ended", "left_ticks", "passive", "share", "stored_j")
 
     def __init__(self, effect: Effect, places: int, tick_s: float, tick: int) -> None:
-        self.passive: PassiveLaw | None = None
-        self.active: ActiveLaw | None = None
-        if effect.kind == "vibration":
-            self.active = Vibration(effect, places, tick_s)
-        elif effect.kind == "texture":
-            self.active = Grating(effect, places)
-        else:
-            self.passive = PASSIVE[effect.kind](effect, places)
+        law = LAWS[effect.kind](effect, places, tick_s)
+        self.passive = law if isinstance(law, PassiveLaw) else None
+        self.active = law if isinstance(law, ActiveLaw) else None
         self.begun = tick
         self.left_ticks = round(effect.seconds / tick_s) if effect.seconds else inf
         self.share = self.stored_j = 0.0
@@ -180,12 +177,12 @@ class EffectForce(ForceSource):
             for entry in self._entries.values() if (law := entry.active) is not None
         ]  # fmt: skip
         slope_nps = per_tool * add_floats([law.slope_nps for _, law, here in present if here])
-        texture_npm = add_floats([law.stiffness_npm for _, law, here in present if here and isinstance(law, Grating)])
+        texture_npm = add_floats([law.stiffness_npm for _, law, here in present if here])
         for entry, law, here in present:
             goal = gain if here else 0.0
             if law.slope_nps and slope_nps > self._slope_nps:
                 goal *= self._slope_nps / slope_nps
-            elif isinstance(law, Grating) and texture_npm > stiffness_npm:
+            elif law.stiffness_npm and texture_npm > stiffness_npm:
                 goal *= stiffness_npm / texture_npm
             self.reduced = self.reduced or 0.0 < goal < gain
             if entry.share == 0.0 and law.slope_nps and tick - entry.begun <= 1:

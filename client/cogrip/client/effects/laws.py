@@ -50,10 +50,11 @@ class PassiveLaw(ABC):
 
 
 class ActiveLaw(ABC):
-    """most_n: its force is never larger; slope_nps: nor the slope of one that follows time, 0 of one that does not."""
+    """most_n: its force is never larger. slope_nps: nor the slope of one that follows time, stiffness_npm: of one in place."""
 
     most_n = 0.0
     slope_nps = 0.0
+    stiffness_npm = 0.0
 
     @abstractmethod
     def present(self, position_m: Row) -> bool:

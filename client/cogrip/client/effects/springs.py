@@ -20,7 +20,7 @@ class Magnet(PassiveLaw):
     Its largest force is 0.286 K R, at r = R / sqrt(5). The damper fades out towards R as the square does.
     """
 
-    def __init__(self, effect: Effect, places: int) -> None:
+    def __init__(self, effect: Effect, places: int, tick_s: float) -> None:
         self._place, self._square = effect.place_m[:places], effect.radius_m**2
         self.stiffness_npm, self.damping_nspm = effect.stiffness_npm, effect.damping_nspm
         if effect.force_n:
@@ -43,7 +43,7 @@ class GuidingPath(PassiveLaw):
     The damper is of the motion across: B v less its part along the segment, so along the path the hand moves freely.
     """
 
-    def __init__(self, effect: Effect, places: int) -> None:
+    def __init__(self, effect: Effect, places: int, tick_s: float) -> None:
         points = [point[:places] for point in effect.points_m]
         self._segments = []
         for one, other in pairwise(points):
@@ -79,7 +79,7 @@ class GuidingPath(PassiveLaw):
 class ForbiddenZone(PassiveLaw):
     """Wall around a box, or behind a plane: F = -n max(0, K d - B n v), U = K d^2 / 2, n the outward normal. It only pushes."""
 
-    def __init__(self, effect: Effect, places: int) -> None:
+    def __init__(self, effect: Effect, places: int, tick_s: float) -> None:
         self.stiffness_npm, self.damping_nspm = effect.stiffness_npm, effect.damping_nspm
         self._place = effect.place_m[:places]
         self._normal = unit(effect.direction, places) if any(effect.direction) else []

@@ -13,6 +13,7 @@ from typing import Any
 
 import msgspec
 
+from cogrip.protocol.settings.coupling_kinds import COUPLING_KINDS
 from cogrip.protocol.settings.network_profiles import PROFILES
 from cogrip.protocol.settings.room import rates_of, resolve
 from cogrip.protocol.settings.sections import OWN_COUPLING, Settings
@@ -80,13 +81,15 @@ NETWORKS: tuple[str, ...] = tuple(PROFILES)
 
 
 def methods_of(settings: Settings) -> tuple[str, ...]:
-    """Return the methods that the object of these settings has: the paper's has no scenes, a cube no contact.
+    """Return the methods that the object of these settings has, by the traits of object and scheme; the paper has no scenes."""
+    thing = settings.object.traits
 
-    Partners are modelled only where they hold a cube.
-    """
-    kind = settings.object.traits
-    kept = {"paper": not kind.scene, "local": kind.local, "partner": kind.held}
-    return tuple(name for name in METHODS if kept.get(name, True))
+    def fits(overrides: Mapping[str, Any]) -> bool:
+        scheme = COUPLING_KINDS[overrides["coupling.kind"]]
+        local, held = thing.local or not scheme.local, thing.held or not scheme.cube_alone
+        return local and held and not (thing.scene and overrides["coupling.server_step"] == "paper")
+
+    return tuple(name for name, method in METHODS.items() if fits(method.overrides))
 
 
 def choose(what: str, asked: Iterable[str], known: Sequence[str]) -> tuple[str, ...]:

@@ -4,10 +4,10 @@ A world tells them, or `[[effects]]` of the settings. Places are in the object's
 hand's own.
 """
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from itertools import pairwise
 from math import dist, hypot, isfinite
-from typing import Annotated, Literal
+from typing import Annotated, Literal, NamedTuple
 
 import msgspec
 from msgspec.structs import replace
@@ -17,6 +17,7 @@ from cogrip.protocol.drawing import Shape
 from cogrip.protocol.settings.types import Name
 
 EffectKind = Literal["viscous", "vibration", "texture", "magnet", "path", "zone"]
+"""Kinds of effect. A kind is a name here, its row in EFFECT_KINDS, and its law in `cogrip.client.effects.force`."""
 MOST_EFFECTS = 16  # most effects of one seat at once
 MOST_POINTS = 8  # most points of a path
 MOST_EFFECT_HZ = 256.0
@@ -26,11 +27,7 @@ Triple = tuple[Coordinate, Coordinate, Coordinate]
 HalfEdge = Annotated[float, msgspec.Meta(ge=0.0, le=1e3)]
 EffectTank = Annotated[float, msgspec.Meta(ge=0.0, le=1e3)]  # energy that the tank holds at most [mJ]
 NOWHERE: Triple = (0.0, 0.0, 0.0)
-NEEDS: Mapping[EffectKind, tuple[str, ...]] = {
-    "viscous": ("damping_nspm",), "vibration": ("amplitude_n", "frequency_hz"), "texture": ("amplitude_n", "period_m"),
-    "magnet": ("stiffness_npm", "radius_m"), "path": ("stiffness_npm",), "zone": ("stiffness_npm",),
-}  # fmt: skip
-"""Parameters that must be above 0, by the kind of the effect."""
+Rgba = tuple[float, float, float, float]
 LEAST: Mapping[str, float] = {"period_m": 1e-4, "radius_m": 1e-4, "frequency_hz": 1e-3}
 """Least value of a parameter that is not 0."""
 LEAST_STEP_M = 1e-4  # least distance from a point of a path to the next
@@ -38,10 +35,6 @@ LEAST_EVERY_S = 0.1
 """Least period of an effect that is switched and pushes as long as it is there: switched faster it is felt as a vibration,
 and taken for an oscillation."""
 LEAST_DIRECTION = 1e-6  # least length of a vector that still has a direction
-_COLOURS: Mapping[EffectKind, tuple[float, float, float, float]] = {
-    "viscous": (0.34, 0.71, 0.91, 0.2), "vibration": (0.9, 0.62, 0.0, 0.2), "texture": (0.8, 0.47, 0.65, 0.2),
-    "magnet": (0.0, 0.45, 0.7, 0.25), "path": (0.0, 0.62, 0.45, 0.8), "zone": (0.84, 0.37, 0.0, 0.3),
-}  # fmt: skip
 _PATH_RADIUS_M = 0.001
 _NO_END_M = 0.1  # half of the length that is drawn along an axis where a box has no end
 
@@ -86,24 +79,15 @@ class EffectSection(Effect, frozen=True, forbid_unknown_fields=True):
 
 def unfit_effect(effect: Effect, axes: int) -> str:
     """Return why an effect does not fit a hand of so many axes, with the cure; "" where it does."""
-    for name in NEEDS[effect.kind]:
+    kind = EFFECT_KINDS[effect.kind]
+    for name in kind.needs:
         if getattr(effect, name) == 0.0:
             return f'kind = "{effect.kind}" needs {name} above 0'
-    places, kind = min(axes, PLACES), effect.kind
-    if kind == "path":
-        points = [point[:places] for point in effect.points_m]
-        if len(points) < 2 or any(dist(before, after) < LEAST_STEP_M for before, after in pairwise(points)):
-            apart = f"each at least {LEAST_STEP_M:g} m from the one before in the first {places} axes"
-            return f'kind = "path" needs points_m: 2 to {MOST_POINTS}, {apart}'
-        if places == 1:
-            return 'kind = "path" has nothing beside it in one axis; set object.axes to 2 or 3'
-    directed = hypot(*effect.direction[:places]) >= LEAST_DIRECTION
-    if kind in ("vibration", "texture") and not directed:
-        return f'kind = "{kind}" needs a direction in the first {places} axes, such as [1, 0, 0]'
-    if kind == "zone" and any(effect.direction) and not directed:
-        return f'kind = "zone" has a direction outside of the first {places} axes; turn it'
-    if kind == "zone" and not any(effect.direction) and not any(effect.size_m[:places]):
-        return f'kind = "zone" fills everything; give size_m in the first {places} axes, or a direction'
+    places = min(axes, PLACES)
+    if kind.course and not _directed(effect, places):
+        return f'kind = "{effect.kind}" needs a direction in the first {places} axes, such as [1, 0, 0]'
+    if reason := kind.unfit(effect, places):
+        return f'kind = "{effect.kind}" {reason}'
     for name, least in LEAST.items():
         if 0.0 < (value := getattr(effect, name)) < least:
             return f"{name} = {value:g} is below {least:g}, which no sampled motion shows; give more"
@@ -112,7 +96,7 @@ def unfit_effect(effect: Effect, axes: int) -> str:
 
 def unfit_section(section: EffectSection, axes: int) -> str:
     """Return why an effect of the settings does not fit a hand of so many axes, with the cure; "" where it does."""
-    if 0.0 < section.every_s < LEAST_EVERY_S and section.kind not in ("vibration", "texture"):
+    if 0.0 < section.every_s < LEAST_EVERY_S and not EFFECT_KINDS[section.kind].course:
         return (
             f'every_s = {section.every_s:g} of kind = "{section.kind}" is below {LEAST_EVERY_S:g}: switched so fast it is a '
             'vibration, and its force is released as one that oscillates; give more, or kind = "vibration"'
@@ -150,21 +134,57 @@ def moved(effect: Effect, offset_m: Sequence[float]) -> Effect:
 
 def drawn_effect(effect: Effect) -> list[Shape]:
     """Return shapes to draw an effect with: its box, ball, plane or path; none for one that is everywhere."""
-    rgba, kind = _COLOURS[effect.kind], effect.kind
-    if kind == "magnet":
-        return [Shape("sphere", (effect.radius_m, 0.0, 0.0), place_m=effect.place_m, rgba=rgba)]
-    if kind == "path":
-        return [_segment(one, other, rgba) for one, other in pairwise(effect.points_m)]
-    if kind == "zone" and any(effect.direction):
-        turned = _turned_from_z(effect.direction)
-        return [Shape("plane", (_NO_END_M, _NO_END_M, 0.0), None, effect.place_m, turned, rgba)]
-    if any(effect.size_m):
-        x, y, z = [each or _NO_END_M for each in effect.size_m]
-        return [Shape("box", (x, y, z), place_m=effect.place_m, rgba=rgba)]
-    return []
+    kind = EFFECT_KINDS[effect.kind]
+    return kind.drawn(effect, kind.rgba)
 
 
-def _segment(one: Triple, other: Triple, rgba: tuple[float, float, float, float]) -> Shape:
+def _directed(effect: Effect, places: int) -> bool:
+    return hypot(*effect.direction[:places]) >= LEAST_DIRECTION
+
+
+def _fits(effect: Effect, places: int) -> str:
+    return ""
+
+
+def _unfit_path(effect: Effect, places: int) -> str:
+    points = [point[:places] for point in effect.points_m]
+    if len(points) < 2 or any(dist(before, after) < LEAST_STEP_M for before, after in pairwise(points)):
+        apart = f"each at least {LEAST_STEP_M:g} m from the one before in the first {places} axes"
+        return f"needs points_m: 2 to {MOST_POINTS}, {apart}"
+    return "has nothing beside it in one axis; set object.axes to 2 or 3" if places == 1 else ""
+
+
+def _unfit_zone(effect: Effect, places: int) -> str:
+    if any(effect.direction) and not _directed(effect, places):
+        return f"has a direction outside of the first {places} axes; turn it"
+    if not any(effect.direction) and not any(effect.size_m[:places]):
+        return f"fills everything; give size_m in the first {places} axes, or a direction"
+    return ""
+
+
+def _box(effect: Effect, rgba: Rgba) -> list[Shape]:
+    if not any(effect.size_m):
+        return []
+    x, y, z = [each or _NO_END_M for each in effect.size_m]
+    return [Shape("box", (x, y, z), place_m=effect.place_m, rgba=rgba)]
+
+
+def _ball(effect: Effect, rgba: Rgba) -> list[Shape]:
+    return [Shape("sphere", (effect.radius_m, 0.0, 0.0), place_m=effect.place_m, rgba=rgba)]
+
+
+def _polyline(effect: Effect, rgba: Rgba) -> list[Shape]:
+    return [_segment(one, other, rgba) for one, other in pairwise(effect.points_m)]
+
+
+def _plane_or_box(effect: Effect, rgba: Rgba) -> list[Shape]:
+    if not any(effect.direction):
+        return _box(effect, rgba)
+    turned = _turned_from_z(effect.direction)
+    return [Shape("plane", (_NO_END_M, _NO_END_M, 0.0), None, effect.place_m, turned, rgba)]
+
+
+def _segment(one: Triple, other: Triple, rgba: Rgba) -> Shape:
     middle = tuple([0.5 * (a + b) for a, b in zip(one, other, strict=True)])
     along = [b - a for a, b in zip(one, other, strict=True)]
     size = (_PATH_RADIUS_M, 0.5 * dist(one, other), 0.0)
@@ -180,3 +200,31 @@ def _turned_from_z(towards: Sequence[float]) -> tuple[float, float, float, float
     w = 1.0 + z
     size = hypot(w, x, y)
     return w / size, -y / size, x / size, 0.0
+
+
+class EffectTraits(NamedTuple):
+    """Properties of a kind of effect.
+
+    needs   parameters that must be above 0
+    rgba    its colour in pictures and views
+    drawn   shapes to draw one with, in that colour
+    course  its force has a course of its own, over time or place, along a direction: it is felt as a vibration
+    unfit   what is wrong with one in so many places, with the cure; "" for nothing
+    """
+
+    needs: tuple[str, ...]
+    rgba: Rgba
+    drawn: Callable[[Effect, Rgba], list[Shape]] = _box
+    course: bool = False
+    unfit: Callable[[Effect, int], str] = _fits
+
+
+EFFECT_KINDS: Mapping[EffectKind, EffectTraits] = {
+    "viscous": EffectTraits(("damping_nspm",), (0.34, 0.71, 0.91, 0.2)),
+    "vibration": EffectTraits(("amplitude_n", "frequency_hz"), (0.9, 0.62, 0.0, 0.2), course=True),
+    "texture": EffectTraits(("amplitude_n", "period_m"), (0.8, 0.47, 0.65, 0.2), course=True),
+    "magnet": EffectTraits(("stiffness_npm", "radius_m"), (0.0, 0.45, 0.7, 0.25), _ball),
+    "path": EffectTraits(("stiffness_npm",), (0.0, 0.62, 0.45, 0.8), _polyline, unfit=_unfit_path),
+    "zone": EffectTraits(("stiffness_npm",), (0.84, 0.37, 0.0, 0.3), _plane_or_box, unfit=_unfit_zone),
+}
+"""One row a kind."""
