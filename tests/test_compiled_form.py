@@ -24,7 +24,7 @@ ROOT = Path(__file__).parent.parent
 LAWS = (
     "tests/protocol/test_line.py", "tests/protocol/test_energy_sums.py", "tests/protocol/test_concealment.py",
     "tests/protocol/test_jitter_buffer.py", "tests/protocol/test_clock.py", "tests/protocol/test_button_edges.py",
-    "tests/machine/test_ring.py", "tests/machine/test_histogram.py", "tests/server/test_small_grip.py",
+    "tests/machine/test_ring.py", "tests/machine/test_histogram.py", "tests/server/test_grip_world.py",
     "tests/server/test_seat_limits.py", "tests/server/test_rate_limit.py", "tests/server/test_dtls_channel.py",
     "tests/server/test_recorded_server_plays_again.py", "tests/results/test_recorded_sessions.py",
     "tests/protocol/test_decimation.py", "tests/protocol/test_wave_filter.py", "tests/client",

@@ -15,7 +15,6 @@ from cogrip.server.schemes import make_world
 from cogrip.server.seats.stiffness_adaptation import FOLLOW_S, REPORT_EVERY_S, REPORTS, StiffnessAdapter
 from cogrip.server.worlds.grip import GripWorld
 from cogrip.server.worlds.push import PushWorld
-from cogrip.server.worlds.small_grip import SmallGripWorld
 from cogrip.server.worlds.world import MOST_SAVED_J
 
 from tests.server.object_worlds import FOLLOWING, drawn_seats, stored_j
@@ -176,11 +175,10 @@ def test_no_other_seat_follows_and_only_passive_worlds_change_a_spring(other: di
 
 def people(kind: str, random: np.random.Generator, count: int = 1, axes: int = 1) -> list[SeatSettings]:
     """Return seats that follow, at a world of KINDS."""
-    thing = "cube" if kind == "many" else kind
-    return drawn_seats(random, count, axes, thing, **FOLLOWING)
+    return drawn_seats(random, count, axes, kind, **FOLLOWING)
 
 
-KINDS = {"cube": SmallGripWorld, "many": GripWorld, "faces": PushWorld, "wall": PushWorld}
+KINDS = {"cube": GripWorld, "faces": PushWorld, "wall": PushWorld}
 
 
 @settings(max_examples=40)
@@ -208,13 +206,13 @@ def test_no_sequence_of_aims_makes_energy(kind: str, count: int, axes: int, seed
         world.step(wave)
         scale = max(scale, float(np.abs(world.port_work).sum()), stored_j(world))
         assert stored_j(world) <= float(world.port_work.sum()) + 1e-9 * (1.0 + scale)
-    ledger = world._paid_j if isinstance(world, SmallGripWorld) else world._ledger
+    ledger = world._paid_j if isinstance(world, GripWorld) else world._ledger
     assert max(ledger) <= MOST_SAVED_J
     assert min(ledger) >= -1e-12 * (1.0 + scale)
 
 
 @pytest.mark.sample(1)
-@pytest.mark.parametrize("kind", ["cube", "many", "wall"])
+@pytest.mark.parametrize("kind", ["cube", "wall"])
 def test_energy_is_made_where_the_ledger_is_not_asked(kind: str) -> None:
     """That the law above can fail: the same sequence with a ledger that is always full."""
     worst = 0.0
@@ -223,7 +221,7 @@ def test_energy_is_made_where_the_ledger_is_not_asked(kind: str) -> None:
         world = KINDS[kind](people(kind, random))
         world.join(0, np.zeros(1))
         for step in range(400):
-            if isinstance(world, SmallGripWorld):
+            if isinstance(world, GripWorld):
                 world._paid_j = [1e6]
             else:
                 world._ledger[0] = 1e6

@@ -10,11 +10,11 @@ from hypothesis import strategies as st
 
 from cogrip.protocol.settings.seat import SeatSettings
 from cogrip.server.schemes import make_world
-from cogrip.server.worlds.grip import RAMP_S, GripWorld
+from cogrip.server.worlds.grip import GripWorld
+from cogrip.server.worlds.grip_step import RAMP_S
 from cogrip.server.worlds.lagged import CoupledWorld, LaggedWorld, PaperWorld
 from cogrip.server.worlds.power import PowerWorld
 from cogrip.server.worlds.push import PushWorld
-from cogrip.server.worlds.small_grip import SmallGripWorld
 from cogrip.server.worlds.world import WORKSPACE_M, World
 
 from tests.server.object_worlds import seats, stored_j
@@ -199,7 +199,7 @@ def test_people_come_and_go_and_bring_no_energy(count: int, dimensions: int, see
         assert stored_j(world) <= budget + 1e-12 * (1.0 + abs(budget))
         assert np.all(world.stiffness <= world.target_stiffness * (1.0 + 1e-12))
         assert np.all(world.stiffness >= 0.0)
-        assert np.all(world._ledger >= -1e-15)
+        assert np.all(np.array(world._paid_j) >= -1e-15)
 
 
 @pytest.mark.parametrize("kind", ["cube", "faces", "wall"])
@@ -233,7 +233,7 @@ def test_the_damper_pays_for_a_spring_that_grows_under_tension_and_without_one_n
     world = GripWorld(seats(1, stiffness_npm=1e5, damping_nspm=B))
     world.join(0, np.zeros(1))
     random = np.random.default_rng(seed)
-    world.stretch[0, 0] = 0.02
+    world.stretch = np.full((1, 1), 0.02)
     paid = dissipated = 0.0
     for _ in range(300):
         u, e, K = random.uniform(-1.0, 1.0, (1, 1)), world.stretch.copy(), world.stiffness.copy()
@@ -324,7 +324,7 @@ def test_virtual_coupling_sums_springs_and_answers_with_the_object_after_the_ste
 @pytest.mark.parametrize("kind", ["cube", "faces", "wall"])
 def test_worlds_by_settings(kind: str, step: str) -> None:
     world = make_world(seats(1, kind, server_step=step))
-    expected: type[World] = PaperWorld if step == "paper" else SmallGripWorld if kind == "cube" else PushWorld
+    expected: type[World] = PaperWorld if step == "paper" else GripWorld if kind == "cube" else PushWorld
     assert type(world) is expected
     assert type(make_world(seats(1, kind, kind="coupling"))) is CoupledWorld
     assert type(make_world(seats(1, kind, kind="tdpa"))) is PowerWorld

@@ -25,7 +25,6 @@ from cogrip.server.worlds.partners import PartnersWorld
 from cogrip.server.worlds.power import PowerWorld
 from cogrip.server.worlds.registry import make_guarded, world_class_of
 from cogrip.server.worlds.scenes.scene_text import SceneError
-from cogrip.server.worlds.small_grip import MOST, SmallGripWorld
 from cogrip.server.worlds.world import World
 
 if TYPE_CHECKING:
@@ -35,15 +34,10 @@ MakeWorld = Callable[[Sequence[SeatSettings]], World]
 
 
 def make_wave_world(seats: Sequence[SeatSettings]) -> World:
-    """Return the passive world of an object, unless the settings ask for the paper's own step.
-
-    A cube of few axes is stepped by `SmallGripWorld`, the same world in plain floats.
-    """
+    """Return the passive world of an object, unless the settings ask for the paper's own step."""
     first = seats[0]
     if first.coupling.server_step == "paper":
         return PaperWorld(seats)
-    if first.object.traits.held and len(seats) * first.object.axes <= MOST:
-        return SmallGripWorld(seats)
     return world_class_of(first.object.kind).make(seats)
 
 

@@ -1,40 +1,116 @@
 """A free object that people grip from all sides: implicit midpoint with the wave ports solved in the same step.
 
-Symbols: K, B stiffness and damping of each of n springs, e its stretch, b wave impedance of its port, m_o mass of the object.
-Passive for any of them (theory section 3.3); the balance there holds to machine precision at every step. Where few hold the
-object `small_grip` makes the same step in plain floats.
+State and step are in plain floats, in a `GripStep`; the arrays that a `World` has are copies of it. Passive for any of its
+numbers (theory section 3.3); the balance there holds to machine precision at every step.
 """
 
+from array import array
 from collections.abc import Sequence
+from math import prod
 from typing import ClassVar
 
 import numpy as np
 
 from cogrip.machine.addition import add_floats
-from cogrip.protocol.laws.waves import proxy_velocity, server_wave
 from cogrip.protocol.settings.seat import SeatSettings
-from cogrip.server.worlds.small_step import RAMP_S as RAMP_S
-from cogrip.server.worlds.world import MOST_SAVED_J, Array, World, dot
+from cogrip.server.worlds.accounts import Accounts
+from cogrip.server.worlds.grip_step import GripStep
+from cogrip.server.worlds.world import MOST_SAVED_J, Array, Row, World, dot
+from cogrip.server.worlds.world_step import WorldStep
+
+
+class StepState:
+    """Attribute of a world that is an array of its step's state, read-only. shape: of a world's users and axes."""
+
+    def __init__(self, name: str, shape: str) -> None:
+        self._name, self._shape = name, shape
+
+    def __get__(self, world: "GripWorld", owner: type) -> Array:
+        step = world.moving
+        shape = {"a": (step.axes,), "n": (step.users,), "na": (step.users, step.axes), "n1": (step.users, 1)}
+        found = np.array(getattr(step, self._name)[: prod(shape[self._shape])]).reshape(shape[self._shape])
+        found.setflags(write=False)
+        return found
+
+    def __set__(self, world: "GripWorld", value: Array) -> None:
+        setattr(world.moving, self._name, array("d", np.ravel(value).tolist()))
+        world.moving.moved()
+        if self._shape == "n1":
+            world.moving.settled = False
+
+
+class StepNumber:
+    """Attribute of a world that is a number of its step."""
+
+    def __init__(self, name: str) -> None:
+        self._name = name
+
+    def __get__(self, world: "GripWorld", owner: type) -> float:
+        number: float = getattr(world.moving, self._name)
+        return number
+
+    def __set__(self, world: "GripWorld", value: float) -> None:
+        setattr(world.moving, self._name, value)
 
 
 class GripWorld(World):
-    """A free object that people grip from all sides.
+    """A free object that people grip from all sides. Its arrays are to be read, or set as a whole.
 
-    `stretch` is e, shape (n, a).
-
-    A spring with stiffness adaptation saves what its damper takes, and what it releases itself where it grows softer, to grow
-    stiffer with.
+    `stretch` is that of each person's spring, shape (n, a). A spring with stiffness adaptation saves what its damper takes, and
+    what it releases itself where it grows softer, to grow stiffer with.
     """
 
-    kept: ClassVar[tuple[str, ...]] = ("stretch", "_ledger", "_growing")
+    kept: ClassVar[tuple[str, ...]] = ("stretch", "_paid_j", "_excess_j", "_growing")
     can_adapt_stiffness = True
 
     def __init__(self, seats: Sequence[SeatSettings]) -> None:
+        first = seats[0]
+        axes = max(seat.object.axes for seat in seats)
+        self.moving = GripStep(self, len(seats), axes, first.rates.frame_s)
         super().__init__(seats)
-        self.stretch = np.zeros_like(self.force)
-        self._ledger = np.zeros(len(seats))  # energy that each user's spring may spend on growing stiffer [J]
-        self._growing = False
-        self._saving = bool(self.adapts_stiffness.any())
+        self._adapts_stiffness: list[bool] = self.adapts_stiffness.tolist()
+        self.moving.saving = any(self._adapts_stiffness)
+        self._offsets: dict[int, list[float]] = {}  # of users, in plain floats
+        self.accounts = GripAccounts(self)
+
+    @property
+    def energy_j(self) -> float:
+        stretch, velocity = self.stretch, self.velocity
+        stored = 0.5 * (dot(self.stiffness * stretch, stretch) + self.mass_kg * dot(velocity, velocity))
+        return stored + add_floats(self._paid_j)
+
+    def as_step(self) -> WorldStep:
+        return self.moving
+
+    @property
+    def _paid_j(self) -> list[float]:
+        return list(self.moving.paid)
+
+    @_paid_j.setter
+    def _paid_j(self, paid: Sequence[float]) -> None:
+        self.moving.paid = array("d", paid)
+
+    @property
+    def _excess_j(self) -> list[float]:
+        return list(self.moving.excess)
+
+    @_excess_j.setter
+    def _excess_j(self, excess: Sequence[float]) -> None:
+        self.moving.excess = array("d", excess)
+
+    def ports_changed(self) -> None:
+        """Let the next step compute the ports' constants anew."""
+        self.moving.settled = False
+
+    def impedance_changed(self, user: int) -> None:
+        super().impedance_changed(user)
+        self.ports_changed()
+
+    def _settle(self) -> None:
+        """Compute the constants of stiffness, damping and impedance, which have changed."""
+        self.moving.b = array("d", self.impedance[:, 0].tolist())
+        self.moving.c = array("d", self.wave_gain[:, 0].tolist())
+        self.moving.settle()
 
     def set_target_stiffness(self, user: int, stiffness_npm: float) -> None:
         self.target_stiffness[user] = stiffness_npm
@@ -42,72 +118,87 @@ class GripWorld(World):
 
     def join(self, user: int, position_m: Array) -> None:
         self.offset[user] = position_m - self.position
-        self.stretch[user] = 0.0
-        self.stiffness[user] = 0.0
-        self.damping[user] = self.target_damping[user]
-        self._ledger[user] = 0.0
+        self._offsets.clear()
+        self.moving.put(user, float(self.target_damping[user, 0]))
         self.holding[user] = True
         self._growing = True
 
     def leave(self, user: int) -> None:
         self.holding[user] = False
-        self.stretch[user] = self.stiffness[user] = self.damping[user] = self.force[user] = 0.0
-
-    @property
-    def energy_j(self) -> float:
-        stretch, velocity = self.stretch, self.velocity
-        stored = 0.5 * (dot(self.stiffness * stretch, stretch) + self.mass_kg * dot(velocity, velocity))
-        return stored + float(self._ledger.sum())
-
-    def proxy(self, user: int) -> Array:
-        place: Array = self.position + self.stretch[user] + self.offset[user]
-        return place
+        self.moving.take_away(user)
 
     def step(self, inputs: Array) -> Array:
-        period, b, c = self.frame_s, self.impedance, self.wave_gain
-        K, B, e, u = self.stiffness, self.damping, self.stretch, inputs
-        inertia = 2.0 * self.mass_kg / period
-        G = K * (0.5 * period) + B
-        gain = 1.0 / (1.0 + G / b)
-        alpha = (K * e + G * c * u) * gain
-        beta = G * gain
-        pull = inertia * self.velocity + alpha.sum(axis=0) + self.external_force
-        mid = pull / (inertia + self.object_damping + beta.sum())
-        force = alpha - beta * mid
-        back: Array = server_wave(c, u, force)
-        relative = proxy_velocity(b, c, u, force) - mid
-        grown = e + period * relative
-        velocity = 2.0 * mid - self.velocity
+        return np.array(self.advance([tuple(row) for row in inputs.tolist()]))
 
-        stored_before = 0.5 * (dot(K * e, e) + self.mass_kg * dot(self.velocity, self.velocity))
-        stored = 0.5 * (dot(K * grown, grown) + self.mass_kg * dot(velocity, velocity))
-        port = (0.5 * period) * (u * u - back * back).sum(axis=1)
-        lost = period * (dot(B * relative, relative) + self.object_damping * dot(mid, mid))
-        supplied = add_floats(port.tolist()) + period * dot(self.external_force, mid)
-        self.balance_error_j = max(self.balance_error_j, abs(supplied - (stored - stored_before) - lost))
-
-        self._count_work(port)
-        self.force = force
-        self.stretch = grown
-        self.position = self.position + period * mid
-        self.velocity = velocity
-        if self._growing or self._saving:
-            self._ledger += period * (B * relative * relative).sum(axis=1)
+    def advance(self, rows: Sequence[Row]) -> Sequence[Sequence[float]]:
+        if not self.moving.settled:
+            self._settle()
+        answers = self.moving.step(rows)
+        if self._growing or self.moving.saving:
+            self.moving.save()
         if self._growing:
-            self._grow()
-        if self._saving:
-            np.minimum(self._ledger, MOST_SAVED_J, out=self._ledger, where=self.adapts_stiffness)
-        return back
+            self._grow_now()
+        if self.moving.saving:
+            paid = self._paid_j
+            self._paid_j = [
+                min(each, MOST_SAVED_J) if follows else each
+                for each, follows in zip(paid, self._adapts_stiffness, strict=True)
+            ]
+        return answers
 
-    def _grow(self) -> None:
-        """Move K towards its target. To raise it costs dK e^2 / 2, which is paid from what the user's own damper has taken
-        (theory section 3.7); to lower it takes as much from the spring, which the ledger keeps."""
-        square = (self.stretch * self.stretch).sum(axis=1)
-        wanted = np.minimum(
-            self.target_stiffness[:, 0] * (self.frame_s / RAMP_S), self.target_stiffness[:, 0] - self.stiffness[:, 0]
-        )
-        affordable = np.divide(2.0 * self._ledger, square, out=np.full_like(square, np.inf), where=square > 0.0)
-        step = np.where(self.holding, np.minimum(wanted, affordable), 0.0)
-        self._ledger -= 0.5 * step * square
-        self.stiffness[:, 0] += step
-        self._growing = bool(np.any(self.holding & (self.stiffness[:, 0] != self.target_stiffness[:, 0])))
+    def _grow_now(self) -> None:
+        self._growing = False
+        for user, target in enumerate(self.target_stiffness[:, 0].tolist()):
+            if self.holding[user]:
+                self.moving.grow(user, target)
+                self._growing = self._growing or self.moving.K[user] != target
+
+    def restore(self, saved: Row) -> None:
+        super().restore(saved)
+        self._offsets.clear()
+
+    def proxy(self, user: int) -> Array:
+        return np.array(self.proxy_of(user))
+
+    def proxy_of(self, user: int) -> Row:
+        offset = self._offsets.get(user)
+        if offset is None:
+            offset = self._offsets[user] = self.offset[user].tolist()
+        return self.moving.proxy_of(user, offset)
+
+    def force_of(self, user: int) -> Row:
+        return self.moving.force_of(user)
+
+    def motion(self) -> Row:
+        return self.moving.motion()
+
+    def port_work_j(self) -> Sequence[float]:
+        return self.moving.port_work_j()
+
+    @property
+    def left_workspace(self) -> bool:
+        return self.moving.left_workspace()
+
+    @property
+    def out_of_reach(self) -> bool:
+        return self.moving.out_of_reach()
+
+    def start_ledger(self, user: int) -> None:
+        self.moving.start_ledger(user)
+
+    position, velocity, external_force = StepState("place", "a"), StepState("speed", "a"), StepState("external", "a")
+    force, stretch = StepState("force", "na"), StepState("stretch", "na")
+    stiffness, damping, port_work = StepState("K", "n1"), StepState("B", "n1"), StepState("work", "n")
+    mass_kg, object_damping, balance_error_j = StepNumber("mass_kg"), StepNumber("damping"), StepNumber("error_j")
+    _growing = StepNumber("growing")
+
+
+class GripAccounts(Accounts):
+    """Accounts in plain floats."""
+
+    def __init__(self, world: GripWorld) -> None:
+        super().__init__(world)
+        self._moving = world.moving
+
+    def stiffness(self, user: int) -> float:
+        return self._moving.K[user]

@@ -9,7 +9,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from cogrip.protocol.settings.seat import SeatSettings
-from cogrip.server.worlds.grip import RAMP_S
+from cogrip.server.worlds.grip_step import RAMP_S
 from cogrip.server.worlds.world import MOST_SAVED_J, Array, HandWorld, dot
 
 

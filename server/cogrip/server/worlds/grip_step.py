@@ -1,9 +1,11 @@
-"""One step of a cube that few people hold, in plain floats: state, ports and ledgers of `SmallGripWorld`.
+"""One step of an object that people grip from all sides, in plain floats: state, ports and ledgers of a `GripWorld`.
 
-Rows of people and axes lie one behind the other in lists of MOST numbers, entry `user * axes + axis`: compiled, this class is
-one block of memory (docs/decisions/0028-typed-classes.md). Symbols and equations are those of `grip.py`.
+Rows of people and axes lie one behind the other, entry `user * axes + axis`; each is an array of its own, which a compiled form
+reads in place (docs/decisions/0028-typed-classes.md). Symbols, of theory sections 3.3 and 3.7: K, B stiffness and damping of
+each person's spring, e its stretch, b wave impedance of its port, c wave gain, m_o mass of the object, T frame.
 """
 
+from array import array
 from collections.abc import Sequence
 from typing import Any
 
@@ -11,13 +13,16 @@ from cogrip.protocol.axes import PLACES
 from cogrip.protocol.settings.effects import Effect
 from cogrip.server.worlds.world_step import REACH_M, WORKSPACE_M, Row, WorldStep
 
-MOST = 18  # most people times axes
-NOTHING = (0.0,) * MOST
 RAMP_S = 0.3  # time in which a newcomer's stiffness grows, energy permitting
 
 
+def zeros(count: int) -> "array[float]":
+    """Return so many numbers, all 0."""
+    return array("d", bytes(8 * count))
+
+
 class GripStep(WorldStep):
-    """State of the object and of each person's spring, and the step of a `SmallGripWorld`.
+    """State of the object and of each person's spring, and the step of a `GripWorld`.
 
     place, speed, external  of each axis [m, m/s, N]
     stretch, force          of each person and axis [m, N]
@@ -27,27 +32,25 @@ class GripStep(WorldStep):
     settled                 `settle` has been called since K, B, b or c was changed
     growing                 a spring may still grow stiffer
     saving                  a spring saves energy to grow stiffer with
+    mass_kg, damping        of the object
     error_j                 largest error of the energy balance so far
     """
 
-    def __init__(self, world: Any, users: int, axes: int, frame_s: float, mass_kg: float, damping: float) -> None:
+    def __init__(self, world: Any, users: int, axes: int, frame_s: float) -> None:
         super().__init__(world)
         self.users, self.axes = users, axes
         self.growing = self.saving = False
         self._motion: Row | None = None  # as `motion` returned it last
-        self._frame_s, self._mass_kg, self._damping = frame_s, mass_kg, damping
-        self.place, self.speed, self.external = list(NOTHING), list(NOTHING), list(NOTHING)
-        self.stretch, self.force = list(NOTHING), list(NOTHING)
-        self.K, self.B, self.b, self.c = list(NOTHING), list(NOTHING), list(NOTHING), list(NOTHING)
-        self._drive, self._gain, self._beta = (
-            list(NOTHING),
-            list(NOTHING),
-            list(NOTHING),
-        )  # of each person, see `settle`
+        self._frame_s, self.mass_kg, self.damping = frame_s, 1.0, 0.0
+        entries = users * axes
+        self.place, self.speed, self.external = zeros(axes), zeros(axes), zeros(axes)
+        self.stretch, self.force = zeros(entries), zeros(entries)
+        self.K, self.B, self.b, self.c = zeros(users), zeros(users), zeros(users), zeros(users)
+        self._drive, self._gain, self._beta = zeros(users), zeros(users), zeros(users)  # see `settle`
         self._beta_sum = 0.0
-        self.work, self.excess, self.paid = list(NOTHING), list(NOTHING), list(NOTHING)
-        # of a step
-        self._waves, self._mids, self._taken, self._sent = list(NOTHING), list(NOTHING), list(NOTHING), list(NOTHING)
+        self.work, self.excess, self.paid = zeros(users), zeros(users), zeros(users)
+        # Of a step
+        self._waves, self._mids, self._taken, self._sent = zeros(entries), zeros(axes), zeros(users), zeros(axes)
         self.settled = False
         self.error_j = 0.0
 
@@ -85,7 +88,7 @@ class GripStep(WorldStep):
     def step(self, rows: Sequence[Row]) -> list[Row]:
         """Advance by one frame; take a row of waves of each person, and return the rows that go back."""
         self._motion = None
-        users, axes, period, mass = self.users, self.axes, self._frame_s, self._mass_kg
+        users, axes, period, mass = self.users, self.axes, self._frame_s, self.mass_kg
         K, B, b, c, drive, gains, betas = self.K, self.B, self.b, self.c, self._drive, self._gain, self._beta
         place, speed, stretch, waves, mids, sent = (
             self.place,
@@ -96,7 +99,7 @@ class GripStep(WorldStep):
             self._sent,
         )
         inertia = 2.0 * mass / period
-        weight = inertia + self._damping + self._beta_sum
+        weight = inertia + self.damping + self._beta_sum
         for user in range(users):
             row = tuple(rows[user])
             for axis in range(axes):
@@ -114,7 +117,7 @@ class GripStep(WorldStep):
             speed[axis] = now = 2.0 * mid - was
             place[axis] += period * mid
             gained += mass * (now * now - was * was)
-            lost += self._damping * mid * mid
+            lost += self.damping * mid * mid
             supplied += external * mid
         came = 0.0
         answers: list[Row] = []
@@ -160,7 +163,11 @@ class GripStep(WorldStep):
             self.paid[user] += self._frame_s * self._taken[user]
 
     def grow(self, user: int, target: float) -> None:
-        """Move a person's K towards its target, as `GripWorld._grow` does."""
+        """Move a person's K towards its target (theory 3.7).
+
+        To raise it by dK costs dK e^2 / 2, which is paid from what the person's own damper has taken; to lower it takes as
+        much from the spring, which is saved.
+        """
         square = 0.0
         for at in range(user * self.axes, (user + 1) * self.axes):
             square += self.stretch[at] * self.stretch[at]

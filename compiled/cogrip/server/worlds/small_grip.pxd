@@ -1,1 +1,0 @@
-from cogrip.machine.addition cimport add_floats
