@@ -16,7 +16,8 @@ from cogrip.devices.simulated.hands import (
     sine_course,
     tremor_course,
 )  # fmt: skip
-from cogrip.devices.simulated.recorded_hand import RecordedSettings, read_recording
+from cogrip.devices.simulated.recorded_hand import read_recording
+from cogrip.devices.simulated.recorded_settings import RecordedSettings
 
 from tests.devices.held_device import hold, opened, refused
 

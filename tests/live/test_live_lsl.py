@@ -95,13 +95,13 @@ def channels_of(stream) -> list[dict[str, str]]:
 
 @pytest.mark.parametrize("lost", ["one view in a hundred", "half a second"])
 def test_a_reader_of_xdf_leaves_every_time_where_views_were_lost(tmp_path, lsl, lost: str) -> None:
-    """With a nominal rate pyxdf spaces samples evenly: 60 to 150 ms rms beside their times, in ten minutes."""
+    """With a nominal rate pyxdf spaces samples evenly: beside their times, and the further the longer a session is."""
     pyxdf = pytest.importorskip("pyxdf")
     seat = seat_settings(load(Path("demo")), 0)
     outlet = LabOutlet(seat, "a test")
-    rows = np.arange(0.0, 600.0, 1.0 / rate_hz(seat))
+    rows = np.arange(0.0, 60.0, 1.0 / rate_hz(seat))
     random = np.random.default_rng(1)
-    kept = random.random(len(rows)) > 0.01 if lost == "one view in a hundred" else (rows < 120.0) | (rows > 120.5)
+    kept = random.random(len(rows)) > 0.01 if lost == "one view in a hundred" else (rows < 12.0) | (rows > 12.5)
     times_s = rows[kept]
     file = tmp_path / "views.xdf"
     width = len(channels(seat))

@@ -1,5 +1,6 @@
 """The commands by group, and how their errors reach a person."""
 
+import gc
 import os
 import signal
 import sys
@@ -9,16 +10,13 @@ from cyclopts import App, CycloptsError, Group, Parameter
 from rich.console import Console
 
 from cogrip.cli.terminal.commands import Table, add_commands, show_docstrings, shown_default
-from cogrip.cli.terminal.flag_errors import words_of
 from cogrip.cli.terminal.output import make_console
 from cogrip.cli.terminal.platform import use_utf8
 from cogrip.cli.terminal.problem import BadInput, Problem
-from cogrip.cli.terminal.tables import wrapped
 from cogrip.machine.blas_threads import BLAS_THREADS, SAFE_PATH
 from cogrip.machine.compiled_files import compile_command, outdated
 from cogrip.machine.large_pages import use_large_pages
 from cogrip.protocol.foreign_file import ForeignFileError
-from cogrip.protocol.version import VERSION
 
 GROUPS: dict[str, Table] = {
     "Session": {
@@ -72,9 +70,19 @@ COMMANDS = tuple(name for table in GROUPS.values() for name in table)
 MOVED = {"bench": "benchmarks are run in a checkout of cogrip: `python3 dev.py bench NAME`"}
 """Commands of earlier versions, and what to run instead."""
 
+
+def version() -> str:
+    """Return the version of this software."""
+    from cogrip.protocol.version import VERSION  # which looks through all that is installed
+
+    return VERSION
+
+
 app = App(
     name="cogrip",
-    version=VERSION,
+    version=version,
+    version_format="plaintext",
+    help_format="plaintext",  # of the list of commands: what reads Markdown takes as long as all else to import
     help="Several people hold one virtual object together over a network, and feel it and each other.",
     suppress_keyboard_interrupt=False,
     default_parameter=Parameter(show_default=shown_default),
@@ -88,6 +96,8 @@ for _flag in (*app.help_flags, *app.version_flags):
 
 def _tell(errors: Console, text: str) -> None:
     """Print an error: one line, which a terminal has wrapped at its width and between words."""
+    from cogrip.cli.terminal.tables import wrapped  # as `flag_errors` below: nothing that goes well needs it
+
     errors.print(wrapped(text, errors) if errors.is_terminal else text, markup=False, soft_wrap=True)
 
 
@@ -115,9 +125,11 @@ def main(arguments: Sequence[str] | None = None) -> int:
         return 2
     try:
         show_docstrings(app, given)
-        _take_interrupts()
+        _have_imported(own=arguments is None)
         code = app(arguments, exit_on_error=False, print_error=False, result_action="return_value")
     except CycloptsError as error:
+        from cogrip.cli.terminal.flag_errors import words_of
+
         _tell(errors, f"cogrip: {words_of(error, COMMANDS)}")
         return 2
     except Problem as problem:
@@ -139,8 +151,13 @@ def main(arguments: Sequence[str] | None = None) -> int:
     return code if isinstance(code, int) else 0
 
 
-def _take_interrupts() -> None:
-    """Let Ctrl-C be an exception from now on, where it has ended the process so far: all that it calls is imported."""
+def _have_imported(own: bool) -> None:
+    """Let Ctrl-C be an exception from now on, where it has ended the process so far: all that it calls is imported.
+
+    own: of a process of its own, also never look at that for garbage, not even at the end: it took a seventh of `configs`.
+    """
+    if own:
+        gc.freeze()
     if signal.getsignal(signal.SIGINT) is signal.SIG_DFL:
         signal.signal(signal.SIGINT, signal.default_int_handler)
 

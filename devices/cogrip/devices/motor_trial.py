@@ -16,7 +16,7 @@ the motion nearly as well, something else made it, and nothing is known.
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from itertools import product
+from itertools import combinations_with_replacement, product
 from math import sqrt
 
 import numpy as np
@@ -226,15 +226,19 @@ def _rests(
 ) -> tuple[Array, Array]:
     """Return what each l, K and B leaves of the motion, shape (lags, grid, axes), and the gains (lags, grid, i, j)."""
     motion = _answers(forces, mass_kg, rate_hz)
+    _, axes, grid = motion.shape
+    motion = motion.reshape(len(motion), axes * grid)  # of few long rows, as matrix products are fast then
     whole = (places**2).sum(axis=0)
     rests, gains = [], []
     for late in range(LATEST_TICKS + 1):
-        made = motion[:, ticks - late]
-        made = made - slow @ (slow.T @ made)
-        turned = made.transpose(0, 2, 1)
-        square = turned @ made
-        square += 1e-9 * np.trace(square, axis1=1, axis2=2)[:, None, None] * np.eye(forces.shape[1])
-        with_places = turned @ places
+        made = motion[ticks - late]
+        made -= slow @ (slow.T @ made)
+        along = made.reshape(len(ticks), axes, grid)
+        square = np.empty((grid, axes, axes))
+        for i, j in combinations_with_replacement(range(axes), 2):
+            square[:, i, j] = square[:, j, i] = np.einsum("tg,tg->g", along[:, i], along[:, j])
+        square += 1e-9 * np.trace(square, axis1=1, axis2=2)[:, None, None] * np.eye(axes)
+        with_places = (made.T @ places).reshape(axes, grid, axes).transpose(1, 0, 2)
         found = np.linalg.solve(square, with_places)  # (grid, j, i)
         rests.append(np.maximum(whole - (found * with_places).sum(axis=1), 0.0))
         gains.append(found.transpose(0, 2, 1))
@@ -242,17 +246,18 @@ def _rests(
 
 
 def _answers(forces: Array, mass_kg: float, rate_hz: int) -> Array:
-    """Return y of each K and B, shape (grid, ticks, axes): exact for forces that are held over a tick."""
+    """Return y of each K and B, shape (ticks, axes, grid): exact for forces that are held over a tick."""
     grid = np.array(list(product(STIFFNESSES_NPM, DAMPINGS_NSPM)))
     rates = np.zeros((len(grid), 3, 3))
     rates[:, 0, 1] = 1.0
     rates[:, 1] = -np.column_stack((grid, np.ones(len(grid)))) / mass_kg
     step = _exponential(rates / rate_hz)
-    free, pushed = step[:, :2, :2], step[:, :2, 2:]
-    motion, state = np.zeros((len(grid), *forces.shape)), np.zeros((len(grid), 2, forces.shape[1]))
-    for tick, row in enumerate(forces):
-        motion[:, tick] = state[:, 0]
-        state = free @ state + pushed * row
+    (xx, xv, xf), (vx, vv, vf) = np.ascontiguousarray(step[:, :2].transpose(1, 2, 0))
+    motion = np.zeros((*forces.shape, len(grid)))
+    x, v = np.zeros((2, forces.shape[1], len(grid)))
+    for tick, row in enumerate(forces[..., None]):
+        motion[tick] = x
+        x, v = xx * x + xv * v + xf * row, vx * x + vv * v + vf * row
     return motion
 
 

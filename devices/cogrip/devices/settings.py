@@ -7,7 +7,8 @@ import difflib
 import re
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Annotated, Literal, TypeAlias, TypeVar, get_args, get_origin, get_type_hints
+from functools import cache
+from typing import Annotated, Any, Literal, TypeAlias, TypeVar, get_args, get_origin, get_type_hints
 
 import msgspec
 from msgspec import Meta
@@ -74,7 +75,7 @@ def read_settings(settings: type[_Settings], query: Mapping[str, Setting], where
 
     Raises DeviceError naming key, value, and what was expected. Unknown keys are the caller's to find first.
     """
-    hints = get_type_hints(settings)
+    hints = _hints_of(settings)
     vectors = {key for key, hint in hints.items() if get_origin(hint) is tuple}
     typed = {key: _as_vector(value) if key in vectors else value for key, value in query.items()}
     try:
@@ -94,6 +95,12 @@ def read_settings(settings: type[_Settings], query: Mapping[str, Setting], where
         raise DeviceError(f"{where}: {expects(key, what, query[key])}")
     needed = message.rpartition("field `")[2].rstrip("`")
     raise DeviceError(f"{where}: needs the key {needed!r}; add {needed}=...")
+
+
+@cache
+def _hints_of(settings: type[msgspec.Struct]) -> Mapping[str, Any]:
+    """Return key -> type; a list of devices asks for those of the same records again and again."""
+    return get_type_hints(settings)
 
 
 def read_query(settings: type[_Settings], query: Mapping[str, Setting], where: str) -> _Settings:

@@ -6,7 +6,6 @@ from importlib.util import find_spec
 from pathlib import Path
 
 from cogrip.machine.addition import add_integers
-from cogrip.machine.platform import system
 
 SUFFIX = EXTENSION_SUFFIXES[0]
 SOURCES = (".py", ".pyx", ".pxd")
@@ -61,6 +60,8 @@ def compiled_modules() -> Mapping[str, bool]:
     Those are the modules with a `.pxd` or `.pyx` file in `types_folder`; one with a `.pyx` has no interpreted form, but where a
     `.py` has its name. Python imports a compiled form wherever there is one. Nothing is imported here.
     """
+    from cogrip.machine.platform import system  # sockets and all: no command waits for that
+
     found: dict[str, bool] = {}
     types, parts = types_folder(), folders_of_parts()
     for each in sorted(types.rglob("*.p[xy][dx]")):

@@ -6,8 +6,7 @@ from pathlib import Path
 from rich.table import Table
 
 from cogrip.cli.admin.state_folder import Port, State, answer_of, check_words
-from cogrip.cli.session.join_target import target_of
-from cogrip.cli.session.served_rooms import is_loopback
+from cogrip.cli.session.loopback import is_loopback
 from cogrip.cli.terminal.output import Json, make_console, write_json
 from cogrip.cli.terminal.problem import BadInput
 from cogrip.cli.terminal.tables import Fitted, clock, columns_table
@@ -59,6 +58,8 @@ def _number_here(server: str, state: Path | None, port: int) -> int:
     """Return the port of a server of this machine. Raises BadInput for another machine, or where two ports are named."""
     if state is not None or port != DEFAULT_PORT:
         raise BadInput(f"who: {server} and --state or --port: give one of them")
+    from cogrip.cli.session.join_target import target_of  # with all that joins a server
+
     target = target_of(server, "", insecure=True, name="", digest="")
     if not is_loopback(target.host):
         raise BadInput(

@@ -1,6 +1,6 @@
 """`cogrip devices list`: the devices that have an address, with their records."""
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from contextlib import suppress
 from typing import Annotated, Any
 
@@ -66,7 +66,8 @@ def device_list(
         write_json(_as_json(listings, summaries), json)
         return 0
     console = make_console()
-    widths = _widths(listings, console.width)
+    cells = {each.address: _cells(each) for each in listings}
+    widths = _widths(cells.values(), console.width)
     if not (name or verbose):
         console.print(_table(_HEADINGS, widths, "dim"))
     for scheme in sorted(summaries, key=_rank):
@@ -80,7 +81,7 @@ def device_list(
             for listing in found:
                 _print_record(listing, console)
         elif found:
-            console.print(_table([_cells(each) for each in found], widths))
+            console.print(_table([cells[each.address] for each in found], widths))
     for text in broken().values():
         say(console, f"left out: {text}")
     if not (name or verbose):
@@ -119,9 +120,9 @@ def _untried(scheme: str) -> bool:
     return scheme in FAMILIES and scheme not in _NO_HARDWARE and is_real(f"{scheme}:")
 
 
-def _widths(listings: Sequence[Listing], width: int) -> list[int]:
+def _widths(rows: Iterable[Sequence[str]], width: int) -> list[int]:
     """Return widths of the columns, for all tables below one heading; addresses are wrapped where there is no room."""
-    first, *numbers = [max(map(len, column)) for column in zip(*_HEADINGS, *map(_cells, listings), strict=True)]
+    first, *numbers = [max(map(len, column)) for column in zip(*_HEADINGS, *rows, strict=True)]
     return [min(first, width - add_integers(numbers) - len(numbers)), *numbers]
 
 

@@ -9,10 +9,11 @@ from cyclopts import Parameter
 
 from cogrip.cli.session.kept_runs import Keeping
 from cogrip.cli.session.log_lines import LogLines
+from cogrip.cli.session.loopback import is_loopback
 from cogrip.cli.session.network_rate import RateChoices, measured
 from cogrip.cli.session.python_worlds import PythonWorlds, allow_python_worlds
 from cogrip.cli.session.serve_here import ServerHere
-from cogrip.cli.session.served_rooms import Say, Workers, is_loopback, rooms_of, warn_of, worker_count
+from cogrip.cli.session.served_rooms import Say, Workers, rooms_of, warn_of, worker_count
 from cogrip.cli.session.server_state import LOOPBACKS, authenticator_of, held_folder, publish, shared_folder
 from cogrip.cli.session.trigger_line import open_trigger
 from cogrip.cli.session.view_child import ViewChild

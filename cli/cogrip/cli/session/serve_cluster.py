@@ -13,7 +13,7 @@ import msgspec
 from cogrip.cli.session.cluster_room import RoomJob
 from cogrip.cli.session.front_socket import front_socket, say_drops
 from cogrip.cli.session.log_lines import LogLines
-from cogrip.cli.session.served_rooms import is_loopback
+from cogrip.cli.session.loopback import is_loopback
 from cogrip.cli.session.server_state import front_channel_of, public_place
 from cogrip.cli.terminal.problem import BadInput, Problem
 from cogrip.machine.stop import Stop

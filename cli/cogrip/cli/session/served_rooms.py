@@ -1,7 +1,6 @@
 """Rooms of `cogrip serve`: their settings, and the warnings before anyone joins."""
 
 import os
-import socket
 from collections.abc import Callable, Sequence
 from ipaddress import ip_address
 from pathlib import Path
@@ -61,15 +60,6 @@ def rooms_of(
     if into is not None and len(rooms) > 1:
         raise BadInput("serve: --into takes one room; leave it out to get a folder")
     return rooms
-
-
-def is_loopback(host: str) -> bool:
-    """Return whether only this machine can reach `host`; of an unknown name `listen` raises the error."""
-    try:
-        found = socket.getaddrinfo(host or None, 0, type=socket.SOCK_DGRAM, flags=socket.AI_PASSIVE)
-    except OSError:
-        return False
-    return all(ip_address(str(each[4][0]).partition("%")[0]).is_loopback for each in found)
 
 
 def warn_of(rooms: Sequence[Settings], bound: tuple[str, int], encrypted: bool, say: Say) -> dict[str, list[str]]:

@@ -29,6 +29,7 @@ def show_docstrings(app: App, words: Sequence[str]) -> None:
         if word.startswith("-") or word not in app:
             break
         app = app[word]
+        app.help_format = "markdown"  # as docstrings are
         path.append(word)
         line, docstring = (
             inspect.cleandoc(text or "") for text in (app.help, getattr(app.default_command, "__doc__", ""))

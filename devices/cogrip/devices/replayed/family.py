@@ -4,11 +4,7 @@ from collections.abc import Mapping
 from typing import Any
 
 from cogrip.devices.device import Device, DeviceError
-from cogrip.devices.recorded_motion import axes_of as recorded_axes
-from cogrip.devices.recorded_motion import find
 from cogrip.devices.registry import Family
-from cogrip.devices.replayed.replayed_device import ReplayedDevice
-from cogrip.devices.replayed.sources import RunSettings, RunSource, TableSettings, TableSource
 from cogrip.devices.settings import Address, Setting, check_axes, read_query
 
 
@@ -22,7 +18,9 @@ def axes(address: Address) -> int:
     """Return the number of recorded axes. Raises DeviceError."""
     if address.name.endswith(".csv"):
         return 1 + max((place for place, key in enumerate("xyz") if key in address.query), default=0)
-    return recorded_axes(find(address.name, address.query.get("user", "0")))
+    from cogrip.devices.recorded_motion import axes_of, find  # with numpy, as below
+
+    return axes_of(find(address.name, address.query.get("user", "0")))
 
 
 def make(address: Address, axes: int, defaults: Mapping[str, Setting]) -> Device:
@@ -31,6 +29,9 @@ def make(address: Address, axes: int, defaults: Mapping[str, Setting]) -> Device
     if not address.name:
         raise DeviceError(f"{where}: name a run folder, a .mcap file or a .csv file, such as replay:runs/my-run#user=0")
     check_axes(axes, where)
+    from cogrip.devices.replayed.replayed_device import ReplayedDevice
+    from cogrip.devices.replayed.sources import RunSettings, RunSource, TableSettings, TableSource
+
     table = address.name.endswith(".csv")
     settings: Any = read_query(TableSettings if table else RunSettings, address.query, where)
     source = TableSource(address.name, settings) if table else RunSource(address.name, settings.user)

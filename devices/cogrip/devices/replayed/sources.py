@@ -10,7 +10,8 @@ from cogrip.devices.recorded_motion import Array, HandleSample, capability_of, f
 from cogrip.devices.replayed.replayed_device import PlaySettings
 from cogrip.devices.settings import keys_of
 from cogrip.devices.simulated.hands import ImpedanceSettings
-from cogrip.devices.simulated.recorded_hand import RecordedSettings, read_recording
+from cogrip.devices.simulated.recorded_hand import read_recording
+from cogrip.devices.simulated.recorded_settings import RecordedSettings
 
 
 class RunSettings(PlaySettings, frozen=True, kw_only=True):

@@ -12,18 +12,9 @@ import msgspec
 from cogrip.devices.device import Capability, Device, DeviceError
 from cogrip.devices.registry import Family
 from cogrip.devices.settings import MOST_AXES, Address, Setting, check_axes, keys_of, read_settings, unknown
-from cogrip.devices.simulated import (
-    grasp,
-    gripper,
-    hands,
-    ideal,
-    phantom,
-    pose,
-    reconstructed_hand,
-    recorded_hand,
-    waypoints,
-)
+from cogrip.devices.simulated import grasp, gripper, hands, ideal, phantom, pose, waypoints
 from cogrip.devices.simulated.presses import read_presses
+from cogrip.devices.simulated.recorded_settings import RecordedSettings
 from cogrip.devices.simulated.simulated_device import Plant, SimulatedDevice
 from cogrip.protocol.axes import GRIP_AXES, PLACES, POSE_AXES
 
@@ -62,6 +53,19 @@ MACHINES: dict[str, SimulatedMachine] = {
     ),
 }
 
+
+def _make_recorded(settings: RecordedSettings, axes: int, path: str) -> hands.Hand:
+    from cogrip.devices.simulated.recorded_hand import RecordedHand  # with numpy, as below
+
+    return RecordedHand(settings, axes, path)
+
+
+def _make_reconstructed(settings: hands.ImpedanceSettings, axes: int, run: str) -> hands.Hand:
+    from cogrip.devices.simulated.reconstructed_hand import ReconstructedHand
+
+    return ReconstructedHand(settings, axes, run)
+
+
 HANDS: dict[str, HandKind] = {
     "hold": HandKind(hands.ImpedanceSettings, hands.make_hold),
     "push": HandKind(hands.PushSettings, hands.PushHand),
@@ -71,8 +75,8 @@ HANDS: dict[str, HandKind] = {
     "tremor": HandKind(hands.TremorSettings, hands.directed(hands.tremor_course)),
     "waypoints": HandKind(waypoints.WaypointSettings, waypoints.WaypointHand, turns="can"),
     "grasp": HandKind(grasp.GraspSettings, grasp.make_grasp, turns="can"),
-    "csv": HandKind(recorded_hand.RecordedSettings, recorded_hand.RecordedHand, takes="FILE"),
-    "recording": HandKind(hands.ImpedanceSettings, reconstructed_hand.ReconstructedHand, takes="RUN"),
+    "csv": HandKind(RecordedSettings, _make_recorded, takes="FILE"),
+    "recording": HandKind(hands.ImpedanceSettings, _make_reconstructed, takes="RUN"),
     "crank": HandKind(pose.CrankSettings, pose.CrankHand, turns="only"),
 }
 

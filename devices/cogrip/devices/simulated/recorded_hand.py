@@ -7,15 +7,16 @@ every sample and overshoots none, whatever the gaps. Positions, velocities and t
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any, Literal, TypeAlias
+from typing import Any, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
 
 from cogrip.devices.device import DeviceError
-from cogrip.devices.settings import Finite, NotNegative, Positive, unknown
+from cogrip.devices.settings import unknown
 from cogrip.devices.simulated.csv_table import METRES, SECONDS, CsvRows, read_table
-from cogrip.devices.simulated.hands import ImpedanceSettings, Vector
+from cogrip.devices.simulated.hands import Vector
+from cogrip.devices.simulated.recorded_settings import RecordedSettings
 
 Array: TypeAlias = NDArray[np.float64]
 
@@ -23,30 +24,6 @@ RETURN_S = 1.0
 """With loop=1: the time from the last position back to the first, by minimum jerk, so that no seam kicks."""
 
 MOST_S = 14_400.0  # longest recorded motion: every tick of it is worked out before it begins
-
-
-class RecordedSettings(ImpedanceSettings, frozen=True, kw_only=True):
-    """Query keys of `csv`; `time` to `origin` are those of a replayed table too (`TableSettings`).
-
-    time, x, y, z   column names, `x [mm]` or only `x`; axes without a column do not move
-    scale           metres per unit of the position columns; else the unit in the column's name says
-    time_scale      seconds per unit of the time column; else the unit in its name says
-    where           column:value, keep only the rows whose cell is that text
-    origin          start: home plus the motion relative to its first sample; keep: positions as recorded
-    start_s         the recording's first sample is played then (to the nearest tick); before, the hand rests there
-    loop            0: rest at the last sample after the end; 1: return to the first in RETURN_S and play again
-    """
-
-    time: str
-    x: str
-    y: str | None = None
-    z: str | None = None
-    scale: Finite | None = None
-    time_scale: Positive | None = None
-    where: str | None = None
-    origin: Literal["start", "keep"] = "start"
-    start_s: NotNegative = 0.0
-    loop: bool = False
 
 
 @dataclass(frozen=True, slots=True)
