@@ -10,7 +10,7 @@ from collections.abc import Sequence
 
 MODEL_KG = 0.1  # m_d
 MODEL_NSPM = 15.0  # b_m: three times the damping of the estimate, which keeps the loop of two clients below 1
-HORIZON_S = 0.06  # h, the longest time for which an intention is taken to go on
+HORIZON_S = 0.1  # h, the longest time for which an intention is taken to go on
 
 
 class Model:
