@@ -26,16 +26,17 @@ class Intention:
     """
 
     def __init__(self, axes: int, tick_s: float, mass_kg: float) -> None:
-        self._tick_s, self.mass_kg = tick_s, mass_kg
+        self._tick_s, self._mass_kg = tick_s, mass_kg
         self._pole, self._rate_pole = tick_s / SMOOTHING_S, tick_s / RATE_S
         self.place_m = self.rate_mps = [0.0] * axes
         self._places: list[float] | None = None  # Lp x
-        self._forces = self._velocity = [0.0] * axes  # Lp (F + b_e v), Lp v
+        self._force = self._velocity = [0.0] * axes  # Lp F, Lp v
 
     def begin(self, position_m: Sequence[float]) -> None:
         """Begin with a hand at rest here that nothing holds."""
         count = len(position_m)
-        self._places, self._forces, self._velocity = list(position_m), [0.0] * count, [0.0] * count
+        self._places = list(position_m)
+        self._force, self._velocity = [0.0] * count, [0.0] * count
         self.place_m, self.rate_mps = list(position_m), [0.0] * count
 
     def update(
@@ -48,14 +49,14 @@ class Intention:
         assert self._places is not None
         pole, place, rate = self._pole, [], []
         for axis, (x, v, force) in enumerate(zip(position_m, velocity_mps, force_n, strict=True)):
-            self._velocity[axis] += pole * (v - self._velocity[axis])
-            acceleration = (v - self._velocity[axis]) / SMOOTHING_S
             moved = pole * (x - self._places[axis])
-            pushed = pole * (force + HAND_NSPM * v - self._forces[axis])
+            pushed, gained = pole * (force - self._force[axis]), pole * (v - self._velocity[axis])
             self._places[axis] = at = self._places[axis] + moved
-            self._forces[axis] = held = self._forces[axis] + pushed
-            place.append(at + (held + self.mass_kg * acceleration) / stiffness_npm)
+            self._force[axis] = held = self._force[axis] + pushed
+            self._velocity[axis] = speed = self._velocity[axis] + gained
+            place.append(at + (held + HAND_NSPM * speed + self._mass_kg * gained / self._tick_s) / stiffness_npm)
+            moved += (pushed + HAND_NSPM * gained) / stiffness_npm
             moving = self.rate_mps[axis]
-            moving += self._rate_pole * ((moved + pushed / stiffness_npm) / self._tick_s - moving)
+            moving += self._rate_pole * (moved / self._tick_s - moving)
             rate.append(min(MOST_MPS, max(-MOST_MPS, moving)))
         self.place_m, self.rate_mps = place, rate

@@ -10,9 +10,10 @@ gate at its own spring bounds (`spring_gate`). Symbols: x hand, o copy, s = x - 
 from collections.abc import Sequence
 from math import inf
 
-from cogrip.client.coupling.hand_stiffness import HandStiffness
+from cogrip.client.coupling.hand_stiffness import DeviceDrag, HandStiffness
 from cogrip.client.coupling.intention import Intention
 from cogrip.client.coupling.interface import LatestStateCoupling, Row
+from cogrip.client.coupling.release import Release
 from cogrip.client.coupling.spring_gate import SpringGate
 from cogrip.devices.device import Capability
 from cogrip.machine.addition import add_floats
@@ -51,8 +52,7 @@ class PartnerCoupling(LatestStateCoupling[Partner]):
         self._mass_kg, self._damping_nspm = seat.object.mass_kg, seat.object.damping_nspm
         self._frame_s, self._others = seat.rates.frame_s, max(1, seat.people - 1)
         self.gate = SpringGate(self._tick_s)
-        self.intention = Intention(axes, self._tick_s, 0.0)
-        self.grip = HandStiffness(axes, self._tick_s, self._frame_s)
+        self._fit(DeviceDrag(0.0, 0.0, 0.0))
         self.partners: dict[int, Known] = {}
         self.place_m: list[float] | None = None  # of the copy; None before there is a hand
         self.velocity_mps = [0.0] * axes
@@ -80,8 +80,13 @@ class PartnerCoupling(LatestStateCoupling[Partner]):
 
     def fit(self, record: Capability, lag_s: float) -> None:
         super().fit(record, lag_s)
-        self.intention.mass_kg = record.apparent_mass_kg
-        self.grip.fit_record(record)
+        self._fit(DeviceDrag.of(record))
+
+    def _fit(self, drag: DeviceDrag) -> None:
+        axes = len(self.still)
+        self.intention = Intention(axes, self._tick_s, drag.mass_kg)
+        self.grip = HandStiffness(axes, self._tick_s, self._frame_s, drag)
+        self.release = Release(axes, self._tick_s, drag)
 
     def elapse(self, mean_velocity_mps: Sequence[float], velocity_mps: Sequence[float], hold: float = 1.0) -> None:
         power = add_floats([force * rate for force, rate in zip(self.applied_n, mean_velocity_mps, strict=True)])
@@ -148,6 +153,7 @@ class PartnerCoupling(LatestStateCoupling[Partner]):
         ticks, self._elapsed = min(MOST_TICKS, max(1, self._elapsed)), 0
         self.intention.update(position_m, velocity_mps, self.applied_n, self.grip.stiffness_npm)
         self.grip.enter(position_m, velocity_mps, self.applied_n)
+        self.release.enter(velocity_mps, self.applied_n)
         for _ in range(ticks):
             self._step(position_m, velocity_mps, K, B)
         stretch = [x - o for x, o in zip(position_m, self.place_m, strict=True)]
@@ -166,6 +172,7 @@ class PartnerCoupling(LatestStateCoupling[Partner]):
         """Begin with the object in the hand, at rest, its spring unstretched."""
         self.place_m, self.velocity_mps = list(position_m), [0.0] * len(position_m)
         self.intention.begin(position_m)
+        self.release.begin()
         for known in self.partners.values():
             known.model, known.since_s, known.stirred_m = Model(position_m), 0.0, None
 
@@ -226,8 +233,10 @@ class PartnerCoupling(LatestStateCoupling[Partner]):
         intents: tuple[Intent, ...] = ()
         if self.place_m is not None:
             own, stiffness = self.intention, self.grip.stiffness_npm * self._hold * min(1.0, self._here_s / GROW_S)
+            stiffness *= self.release.share
+            rate = tuple(own.rate_mps) if self.release.held else self.still
             intents = (Intent(
-                self._seat.seat, self._clock_ns, tuple(own.place_m), tuple(own.rate_mps), stiffness, self.gate.donated_j,
+                self._seat.seat, self._clock_ns, tuple(own.place_m), rate, stiffness, self.gate.donated_j,
             ),)  # fmt: skip
         return encode(Partner(
             session, self._number, position_m, tuple(velocity_mps), intents, self._receiver.acknowledged, clock.stamp(now_ns),
