@@ -3,17 +3,19 @@
 Symbols, per axis: x, v position and velocity of the hand, F force on it (P eq. 9), k stiffness that the hand is told to have,
 b_e its damping, m_d the device's mass, Lp one pole of tau, a = Lp v's derivative.
 
-    e = Lp[x + (F + b_e v) / k] + m_d a / k          e' = backward difference of Lp[...] through one pole of tau_r
+    e = Lp x + Lp (F + b_e v) / k + m_d a / k        e' = (Lp x' + Lp (F' + b_e v') / k) through one pole of tau_r
 
-At rest e = x + F / k for any k, and whoever models the hand by k about e finds the same x and F again.
+At rest e = x + F / k for any k, and whoever models the hand by k about e finds the same x and F again. Primes are differences
+from tick to tick, with the k of now: a k that changes is no motion.
 """
 
 from collections.abc import Sequence
 
-HAND_NPM = 150.0  # k, told for every hand
-HAND_NSPM = 5.0  # b_e
-SMOOTHING_S = 0.02  # tau
-RATE_S = 0.06  # tau_r
+from cogrip.client.coupling.hand_stiffness import HAND_NPM, HAND_NSPM
+
+SMOOTHING_S = 0.01  # tau
+RATE_S = 0.03  # tau_r
+MOST_MPS = 1.0  # fastest intention: a hand that lets go would tell of any speed
 
 
 class Intention:
@@ -24,30 +26,37 @@ class Intention:
     """
 
     def __init__(self, axes: int, tick_s: float, mass_kg: float) -> None:
-        self._tick_s, self.mass_kg = tick_s, mass_kg
+        self._tick_s, self._mass_kg = tick_s, mass_kg
         self._pole, self._rate_pole = tick_s / SMOOTHING_S, tick_s / RATE_S
         self.place_m = self.rate_mps = [0.0] * axes
-        self._filtered: list[float] | None = None
-        self._velocity = [0.0] * axes
+        self._places: list[float] | None = None  # Lp x
+        self._force = self._velocity = [0.0] * axes  # Lp F, Lp v
 
     def begin(self, position_m: Sequence[float]) -> None:
         """Begin with a hand at rest here that nothing holds."""
-        zero = [0.0] * len(position_m)
-        self._filtered, self._velocity = list(position_m), zero
-        self.place_m, self.rate_mps = list(position_m), list(zero)
+        count = len(position_m)
+        self._places = list(position_m)
+        self._force, self._velocity = [0.0] * count, [0.0] * count
+        self.place_m, self.rate_mps = list(position_m), [0.0] * count
 
-    def update(self, position_m: Sequence[float], velocity_mps: Sequence[float], force_n: Sequence[float]) -> None:
+    def update(
+        self, position_m: Sequence[float], velocity_mps: Sequence[float], force_n: Sequence[float],
+        stiffness_npm: float = HAND_NPM,
+    ) -> None:  # fmt: skip
         """Enter a tick."""
-        if self._filtered is None:
+        if self._places is None:
             self.begin(position_m)
-        assert self._filtered is not None
-        place, rate = [], []
+        assert self._places is not None
+        pole, place, rate = self._pole, [], []
         for axis, (x, v, force) in enumerate(zip(position_m, velocity_mps, force_n, strict=True)):
-            self._velocity[axis] += self._pole * (v - self._velocity[axis])
-            acceleration = (v - self._velocity[axis]) / SMOOTHING_S
-            before = self._filtered[axis]
-            self._filtered[axis] = now = before + self._pole * (x + (force + HAND_NSPM * v) / HAND_NPM - before)
-            place.append(now + self.mass_kg * acceleration / HAND_NPM)
+            moved = pole * (x - self._places[axis])
+            pushed, gained = pole * (force - self._force[axis]), pole * (v - self._velocity[axis])
+            self._places[axis] = at = self._places[axis] + moved
+            self._force[axis] = held = self._force[axis] + pushed
+            self._velocity[axis] = speed = self._velocity[axis] + gained
+            place.append(at + (held + HAND_NSPM * speed + self._mass_kg * gained / self._tick_s) / stiffness_npm)
+            moved += (pushed + HAND_NSPM * gained) / stiffness_npm
             moving = self.rate_mps[axis]
-            rate.append(moving + self._rate_pole * ((now - before) / self._tick_s - moving))
+            moving += self._rate_pole * (moved / self._tick_s - moving)
+            rate.append(min(MOST_MPS, max(-MOST_MPS, moving)))
         self.place_m, self.rate_mps = place, rate

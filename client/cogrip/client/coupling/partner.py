@@ -10,10 +10,11 @@ gate at its own spring bounds (`spring_gate`). Symbols: x hand, o copy, s = x - 
 from collections.abc import Sequence
 from math import inf
 
-from cogrip.client.coupling.intention import HAND_NPM, Intention
+from cogrip.client.coupling.hand_stiffness import DeviceDrag, HandStiffness
+from cogrip.client.coupling.intention import Intention
 from cogrip.client.coupling.interface import LatestStateCoupling, Row
+from cogrip.client.coupling.release import Release
 from cogrip.client.coupling.spring_gate import SpringGate
-from cogrip.client.rows.delay_line import DelayLine
 from cogrip.devices.device import Capability
 from cogrip.machine.addition import add_floats
 from cogrip.protocol.laws.partner_model import Model, ahead, step_object
@@ -38,6 +39,7 @@ class Known:
         self.silent_s = 0.0  # since it was new
         self.since_s = 0.0  # since the partner was there first
         self.donated_j: float | None = None  # counter that is credited
+        self.stirred_m: list[float] | None = None  # where its intention was taken to be, a frame ago
 
 
 class PartnerCoupling(LatestStateCoupling[Partner]):
@@ -50,12 +52,11 @@ class PartnerCoupling(LatestStateCoupling[Partner]):
         self._mass_kg, self._damping_nspm = seat.object.mass_kg, seat.object.damping_nspm
         self._frame_s, self._others = seat.rates.frame_s, max(1, seat.people - 1)
         self.gate = SpringGate(self._tick_s)
-        self.intention = Intention(axes, self._tick_s, 0.0)
+        self._fit(DeviceDrag(0.0, 0.0, 0.0))
         self.partners: dict[int, Known] = {}
         self.place_m: list[float] | None = None  # of the copy; None before there is a hand
         self.velocity_mps = [0.0] * axes
         self._elapsed = 0  # ticks since the copy was stepped
-        self._late: DelayLine[Sequence[float]] = DelayLine()
         self._here_s = 0.0  # since this hand came
         self._hold = 1.0  # factor on the stiffness of a hand that is leaving
         self._stored_j = 0.0
@@ -79,10 +80,13 @@ class PartnerCoupling(LatestStateCoupling[Partner]):
 
     def fit(self, record: Capability, lag_s: float) -> None:
         super().fit(record, lag_s)
-        self.intention.mass_kg = record.apparent_mass_kg
+        self._fit(DeviceDrag.of(record))
 
-    def set_latency(self, ticks: int) -> None:
-        self._late.set_ticks(ticks, self.still)
+    def _fit(self, drag: DeviceDrag) -> None:
+        axes = len(self.still)
+        self.intention = Intention(axes, self._tick_s, drag.mass_kg)
+        self.grip = HandStiffness(axes, self._tick_s, self._frame_s, drag)
+        self.release = Release(axes, self._tick_s, drag)
 
     def elapse(self, mean_velocity_mps: Sequence[float], velocity_mps: Sequence[float], hold: float = 1.0) -> None:
         power = add_floats([force * rate for force, rate in zip(self.applied_n, mean_velocity_mps, strict=True)])
@@ -93,12 +97,15 @@ class PartnerCoupling(LatestStateCoupling[Partner]):
     def elapse_absent(self) -> None:
         """Enter a tick without a hand: its partners are told that it lets go, and the copy begins anew with the next one."""
         self.place_m, self._here_s, self._elapsed = None, 0.0, 0
+        self.grip.begin()
 
     def end_frame(self, spare_j: float = inf) -> int:
         self._number += 1
         return self.frame_ticks
 
     def start_frame(self) -> int:
+        self._stir()
+        self.grip.end_frame()
         for known in self.partners.values():
             known.silent_s += self._frame_s
         if self._receiver.pop() and (latest := self._receiver.latest) is not None:
@@ -106,6 +113,16 @@ class PartnerCoupling(LatestStateCoupling[Partner]):
             for intent in latest.intents:
                 self._take(intent)
         return self.frame_ticks
+
+    def _stir(self) -> None:
+        """Tell the estimate of the own grip how far the partners have moved their intentions."""
+        for known in self.partners.values():
+            model, before = known.model, known.stirred_m
+            if before is not None and model.stiffness_npm:
+                share = 1.0 / (1.0 + self._spring[0] / model.stiffness_npm) if self._spring[0] else 0.0
+                for axis, (now, then) in enumerate(zip(model.intention_m, before, strict=True)):
+                    self.grip.stir(axis, share * (now - then))
+            known.stirred_m = list(model.intention_m)
 
     def _take(self, intent: Intent) -> None:
         known = self.partners.get(intent.seat)
@@ -134,7 +151,9 @@ class PartnerCoupling(LatestStateCoupling[Partner]):
         assert self.place_m is not None
         K, B = self._rendered()
         ticks, self._elapsed = min(MOST_TICKS, max(1, self._elapsed)), 0
-        self.intention.update(position_m, velocity_mps, self.applied_n)
+        self.intention.update(position_m, velocity_mps, self.applied_n, self.grip.stiffness_npm)
+        self.grip.enter(position_m, velocity_mps, self.applied_n)
+        self.release.enter(velocity_mps, self.applied_n)
         for _ in range(ticks):
             self._step(position_m, velocity_mps, K, B)
         stretch = [x - o for x, o in zip(position_m, self.place_m, strict=True)]
@@ -153,8 +172,9 @@ class PartnerCoupling(LatestStateCoupling[Partner]):
         """Begin with the object in the hand, at rest, its spring unstretched."""
         self.place_m, self.velocity_mps = list(position_m), [0.0] * len(position_m)
         self.intention.begin(position_m)
+        self.release.begin()
         for known in self.partners.values():
-            known.model, known.since_s = Model(position_m), 0.0
+            known.model, known.since_s, known.stirred_m = Model(position_m), 0.0, None
 
     def _rendered(self) -> tuple[float, float]:
         """Return K and B that the device carries."""
@@ -212,9 +232,11 @@ class PartnerCoupling(LatestStateCoupling[Partner]):
         self._clock_ns = now_ns + offset if offset is not None else 0
         intents: tuple[Intent, ...] = ()
         if self.place_m is not None:
-            own, stiffness = self.intention, HAND_NPM * self._hold * min(1.0, self._here_s / GROW_S)
+            own, stiffness = self.intention, self.grip.stiffness_npm * self._hold * min(1.0, self._here_s / GROW_S)
+            stiffness *= self.release.share
+            rate = tuple(own.rate_mps) if self.release.held else self.still
             intents = (Intent(
-                self._seat.seat, self._clock_ns, tuple(own.place_m), tuple(own.rate_mps), stiffness, self.gate.donated_j,
+                self._seat.seat, self._clock_ns, tuple(own.place_m), rate, stiffness, self.gate.donated_j,
             ),)  # fmt: skip
         return encode(Partner(
             session, self._number, position_m, tuple(velocity_mps), intents, self._receiver.acknowledged, clock.stamp(now_ns),

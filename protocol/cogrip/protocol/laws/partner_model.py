@@ -10,7 +10,8 @@ from collections.abc import Sequence
 
 MODEL_KG = 0.1  # m_d
 MODEL_NSPM = 15.0  # b_m: three times the damping of the estimate, which keeps the loop of two clients below 1
-HORIZON_S = 0.06  # h, the longest time for which an intention is taken to go on
+DAMPED_NPM = 150.0  # least stiffness of a hand whose model has all of b_m
+HORIZON_S = 0.1  # h, the longest time for which an intention is taken to go on
 
 
 class Model:
@@ -23,6 +24,11 @@ class Model:
         self.velocity_mps = [0.0] * len(self.place_m)
         self.intention_m = list(place_m)
         self.stiffness_npm = 0.0
+
+    @property
+    def damping_nspm(self) -> float:
+        """b_m: less for a hand that hardly holds, none where it has let go."""
+        return MODEL_NSPM * min(1.0, self.stiffness_npm / DAMPED_NPM)
 
 
 def ahead(intention_m: Sequence[float], rate_mps: Sequence[float], age_s: float) -> list[float]:
@@ -51,7 +57,7 @@ def step_object(
     parts = []
     for model in models:
         stretch = model.place_m[axis] - o
-        inertia = MODEL_KG + step_s * (model.stiffness_npm * step_s + MODEL_NSPM + G)
+        inertia = MODEL_KG + step_s * (model.stiffness_npm * step_s + model.damping_nspm + G)
         drive = MODEL_KG * model.velocity_mps[axis] + step_s * (
             model.stiffness_npm * (model.intention_m[axis] - model.place_m[axis]) - K * stretch
         )
