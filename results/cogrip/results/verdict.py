@@ -192,7 +192,9 @@ def _least_reserves(users: list[Row], line: bool) -> str:
     whole, device = least_reserve(users, "line_reserve_j"), least_reserve(users, "device_reserve_j")
     ours = device if not any(row.get("claimed") for row in users) else None
     reported = [
-        f"{energy(each[0])} {where}" for each, where in ((whole if line else None, "in a whole line"), (ours, "at a device")) if each
+        f"{energy(each[0])} {where}"
+        for each, where in ((whole if line else None, "in a whole line"), (ours, "at a device"))
+        if each
     ]
     return f"; least reserve after the first second {', '.join(reported)}" if reported else ""
 

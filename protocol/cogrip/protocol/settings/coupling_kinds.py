@@ -55,6 +55,11 @@ class CouplingKind(NamedTuple):
         return self.frame == "Partner"
 
     @property
+    def copies(self) -> str:
+        """Sentence for whoever looks at the object where each hand feels another copy of it; "" where there is one object."""
+        return "Shown is the server's copy of the object: each hand feels a copy of its own." if self.gated else ""
+
+    @property
     def felt_through_waves(self) -> bool:
         """True where contact is felt through wave lines: they make it softer, and compensation makes up for that."""
         return self.waves and not self.local
