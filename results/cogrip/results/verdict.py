@@ -173,7 +173,8 @@ def _gates(gates: Row) -> str:
         return f" Together the gates may give {energy(budget_j)}, and a refill at rest."
     each = ", ".join(f"{name} {energy(value)}" for name, value in taken_j.items())
     spare = f"at least {energy(max(0.0, gates['margin_j']))} was left at all times"
-    return f" Together the gates might give {energy(budget_j)}, and {spare}, by the recorded forces and places; most taken: {each}."
+    shown = f" Together the gates might give {energy(budget_j)}, and {spare}, by the recorded forces and places"
+    return f"{shown}; most taken: {each}."
 
 
 def _claimed_margins(users: list[Row], credit_j: float) -> list[str]:
