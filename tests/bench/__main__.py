@@ -16,6 +16,7 @@ BENCHES = {  # each is the function bench_NAME of tests.bench.NAME
     "cost": "Measure what a person costs the server: back to back, at its pace, then socket, encryption and recording.",
     "devices": "Run live sessions with emulated arms on serial lines, and the same with simulated devices.",
     "drawing": "Compare the page's pictures of twenty scenes with MuJoCo's own renderer, pixel by pixel.",
+    "gates": "Put random sessions of partners' models, some of whose people lie, to the law of their energy gates.",
     "guard": "Look whether a guard within a session could find faults of a device early, and no hand: three statistics.",
     "idle": "Measure what rooms without people cost a server, beside those in use.",
     "impaired": "Run whole sessions on every impaired network: each must be passive and hold; the baselines must fail.",

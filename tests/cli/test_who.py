@@ -79,3 +79,14 @@ def test_another_machine_is_not_asked_and_the_cure_is_said(cogrip: Cogrip) -> No
     assert "ssh 192.0.2.7 cogrip who --port 4711" in cogrip.err("who", "192.0.2.7:4711")
     assert "give one of them" in cogrip.err("who", "127.0.0.1:4711", "--port", "4712")
     assert "write HOST:PORT" in cogrip.err("who", "127.0.0.1:port")
+
+
+def test_what_a_gate_lends_gave_and_got_stands_below(
+    cogrip: Cogrip, folder: StateFolder, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    person = RosterEntry("anna", "lab", "10.0.0.7:5", 1.0, 0, gate_j=-0.0125, gave_j=0.25, got_j=0.0312)
+    early = RosterEntry("ben", "lab", "10.0.0.8:5", 1.0, 1, gave_j=0.0, got_j=0.0)
+    with answering(folder, lambda order: {"text": "2 in 1 room", "people": (person, early)}):
+        out = cogrip.out("who", "--state", folder.path)
+    assert "anna: gate: 37.5 of 50 mJ left, it says; gave 250.0 mJ to the others, got 31.2 mJ\n" in out
+    assert "ben: gate: not told; gave 0.0 mJ to the others, got 0.0 mJ\n" in out

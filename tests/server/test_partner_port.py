@@ -7,7 +7,7 @@ from cogrip.protocol.settings.room import resolve, seat_settings
 from cogrip.protocol.wire.clock import MessageClock
 from cogrip.protocol.wire.messages import Intent, Partner, Stamp, decode
 from cogrip.server.ports.partner_port import DonationLimiter, PartnerPort
-from cogrip.server.ports.seat_limits import SeatLimits
+from cogrip.server.ports.seat_limits import BURST_S, SeatLimits
 from cogrip.server.worlds.partners import PartnersWorld
 
 FRAME_S = 1.0 / 128.0
@@ -30,6 +30,33 @@ def test_an_honest_hand_is_passed_whole_and_from_where_it_began() -> None:
     assert limiter.passed_j == pytest.approx(1.99)
     limiter.limit(1.0)  # an older message
     assert limiter.passed_j == pytest.approx(1.99)
+
+
+def test_the_server_counts_what_it_passed_up_and_to_each() -> None:
+    """Of three, each gets half of what another gave; what the limit kept back stays in the reserve of the line up."""
+    settings = resolve({
+        "coupling": {"kind": "partner"}, "object": {"axes": 1}, "users": [{"name": "a"}, {"name": "b"}, {"name": "c"}],
+    })  # fmt: skip
+    seats = [seat_settings(settings, number) for number in range(3)]
+    world, ports = PartnersWorld(seats), [PartnerPort(seat, SeatLimits(power_w=16.0)) for seat in seats]
+    for number in range(3):
+        world.join(number, np.zeros(1))
+    for step in range(3):
+        for number, port in enumerate(ports):
+            given = (0.0, 0.25, 1e3)[step] if number == 1 else 0.0
+            intent = Intent(number, 7_000_000_000 + step, (0.0,), (0.0,), 150.0, given)
+            assert port.receive(Partner(1, step, (0.0,), (0.0,), (intent,), 0, Stamp(1), port_j=-given), 0)
+        for port, answer in zip(ports, world.advance([port.pop(1) for port in ports]), strict=True):
+            port.push(tuple(answer))
+            port.message(1, MessageClock(), 0, (0.0,) * 2, 0.0)
+        if step == 1:
+            assert [port.used_j for port in ports] == [0.0, 0.25, 0.0]
+            assert [port.made_j for port in ports] == [0.125, 0.0, 0.125]
+            assert ports[1].up_reserve.now_j == 0.0
+            assert ports[1].port_in_j() == -0.25
+    assert ports[1].used_j == 16.0 * (BURST_S + FRAME_S)
+    assert ports[1].up_reserve.now_j == 1e3 - ports[1].used_j
+    assert ports[0].made_j == ports[1].used_j / 2.0
 
 
 def test_an_intention_goes_to_the_others_in_their_frames_and_stamped_as_it_came() -> None:

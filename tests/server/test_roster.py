@@ -43,5 +43,5 @@ def test_an_observer_is_listed_behind_the_seats_and_who_lost_the_address_is_away
 
 def test_a_list_as_long_as_may_be_has_room_in_an_answer() -> None:
     longest = RosterEntry("n" * 40, "r" * 40, "[fe80::1234:5678:9abc:def0%interface0]:65535", 1234567.8, 255, "\x01" * 40,
-                      59999.999, 59999.999, 59999.999, 2**53, True)  # fmt: skip
+                      59999.999, 59999.999, 59999.999, 2**53, True, "", -1e14 / 3, 1e14 / 3, 1e14 / 3)  # fmt: skip
     assert len(msgspec.json.encode(OrderReply(True, "t" * 100, (longest,) * MOST_LISTED))) < MOST_ANSWER_BYTES

@@ -2,23 +2,28 @@
 
 from collections.abc import Callable
 from itertools import pairwise
+from pathlib import Path
 from typing import Any
 
 import msgspec
 import pytest
 
 from cogrip.client import inputs
+from cogrip.client.coupling.partner import PartnerCoupling
 from cogrip.client.observer import ObserverCore
 from cogrip.protocol.recording.records import Datagram
 from cogrip.protocol.settings.room import resolve
 from cogrip.protocol.wire.messages import MAX_MESSAGE_BYTES, Person, View, decode
 from cogrip.protocol.wire.session import ClientSession, make_hello
+from cogrip.results.laboratory_run import run_laboratory
+from cogrip.results.report.page import write_report
 from cogrip.server.recorder import DATAGRAM_OUT
 from cogrip.server.seats.observers import PEOPLE_A_VIEW, VIEWS_HZ
 from cogrip.sim.laboratory import Laboratory
 from cogrip.view import frames
 from cogrip.view.frames import SceneFrame
 from cogrip.view.live import LiveScene
+from cogrip.view.recording import open_view
 
 FRAME_S = 1 / 128
 
@@ -190,3 +195,30 @@ def test_of_many_people_each_is_told_in_turn() -> None:
     assert max(told.values()) - min(told.values()) <= 1
     assert watched.live is not None
     assert len(watched.live.scene.people) == 7
+
+
+def test_of_copies_the_servers_is_shown_and_said_to_be(tmp_path: Path) -> None:
+    """Two who pull apart feel copies that lie apart by millimetres; whoever looks sees the server's, live and recorded."""
+    users = [
+        {"name": name, "hand": f"reach&amplitude_m={sign}0.03", "device": "sim:ideal?mass_kg=0.1"}
+        for name, sign in (("anna", ""), ("ben", "-"))
+    ]
+    places, apart_m = dict[int, float](), list[float]()
+
+    def note(lab: Laboratory) -> None:
+        places[lab.room.steps] = lab.room.world.motion()[0]
+        coupling = lab.people[0].core.coupling
+        assert isinstance(coupling, PartnerCoupling)
+        if coupling.place_m is not None:
+            apart_m.append(abs(coupling.place_m[0] - lab.room.world.offset[0, 0] - places[lab.room.steps]))
+
+    watched = Watched(coupling={"kind": "partner"}, link={"delay_ms": 50.0}, users=users).run(note)
+    assert watched.live is not None
+    assert max(apart_m) > 1e-3
+    assert [frame.position_m[0] for frame in watched.frames] == [places[frame.number] for frame in watched.frames]
+    assert "Shown is the server's copy of the object" in watched.live.scene.note
+    run_laboratory(watched.lab.settings, tmp_path)
+    assert "Shown is the server's copy of the object" in open_view(tmp_path).scene.note
+    report = write_report(tmp_path).read_text()
+    assert "Shown is the server&#39;s copy of the object" in report
+    assert "all gates may give" in report

@@ -17,6 +17,7 @@ from cogrip.protocol.recording.writer import RecordingWriter
 from cogrip.protocol.settings.room import rates_of
 from cogrip.protocol.settings.sections import Settings
 from cogrip.results.folder import SERVER_RECORDING, client_recording, write_settings, write_summary
+from cogrip.results.gates import judge_gates
 from cogrip.results.summary import of_laboratory
 from cogrip.server.recorder import WHO, RecordedServer
 from cogrip.sim.laboratory import Laboratory, Record, unrecorded
@@ -73,6 +74,7 @@ def run_laboratory(
         laboratory.close_ledger()
     summary = of_laboratory(laboratory)
     if folder:
+        judge_gates(folder, summary)
         write_settings(folder, settings)
         write_summary(folder, summary)
     told = laboratory.unstable, laboratory.saturated, laboratory.left

@@ -21,7 +21,8 @@ import msgspec
 from cogrip.protocol.recording.folder import recordings_of
 from cogrip.protocol.recording.reader import Recording, RecordingError, open_recording
 from cogrip.protocol.recording.records import Clock, Datagram, kind_of
-from cogrip.results.folder import CLOCKS, SETTINGS, SUMMARY
+from cogrip.results.folder import CLOCKS, SETTINGS, SUMMARY, write_summary
+from cogrip.results.gates import judge_gates
 
 _datagram = msgspec.json.Decoder(Datagram).decode
 _clock = msgspec.json.Decoder(Clock).decode
@@ -85,7 +86,18 @@ def merge(folders: Sequence[Path], out: Path) -> list[Alignment]:
         for each in alignments
     }
     (out / CLOCKS).write_text(json.dumps(table, indent=1) + "\n")
+    _judge(out)
     return alignments
+
+
+def _judge(out: Path) -> None:
+    """Judge again what recordings of all people together tell."""
+    try:
+        summary = json.loads((out / SUMMARY).read_bytes())
+    except (OSError, ValueError):
+        return
+    if isinstance(summary, dict) and judge_gates(out, summary):
+        write_summary(out, summary)
 
 
 def _traffic(recording: Recording) -> _Traffic:

@@ -12,7 +12,7 @@ from cogrip.client.inputs import CloseLedger
 from cogrip.machine.addition import add_integers
 from cogrip.machine.tick_count import Percentiles, TickCount
 from cogrip.protocol.axes import GRIP_AXES
-from cogrip.protocol.settings.coupling_kinds import lent_mj
+from cogrip.protocol.settings.coupling_kinds import COUPLING_KINDS, GATE_MJ, Kind, lent_mj
 from cogrip.protocol.settings.hand import HandChange
 from cogrip.protocol.settings.room import seat_settings
 from cogrip.protocol.settings.seat import SeatSettings
@@ -29,6 +29,7 @@ from cogrip.protocol.wire.accounts import (
 from cogrip.protocol.wire.messages import Farewell
 from cogrip.results.felt_as_intended import not_predicted
 from cogrip.results.incidents import INCIDENTS
+from cogrip.results.summary_values import seat_sessions, told_gates
 from cogrip.results.verdict import passive_of
 
 if TYPE_CHECKING:  # a client leaves a summary too, and has neither
@@ -53,6 +54,7 @@ def summarise(
     name: str,
     seed: int,
     seconds: float,
+    kind: Kind = "wave",
     tank_mj: float,
     users: Sequence[UserRecord],
     room: RoomAccount | None,
@@ -62,20 +64,26 @@ def summarise(
 ) -> dict[str, Any]:
     """The summary of a run. What only an end knew from which nothing came is null. playout_frames: as the settings have it.
 
+    kind: of the coupling; tank_mj: `lent_mj`
     claims: the clients are others', so that what they alone say decides none of `passive`, `unstable`, `saturated` and
     `left`; it stands in `claimed` of each user, null elsewhere.
     """
     credit_j = tank_mj * 1e-3
     rows = [
-        {**_user(user, claims, credit_j), "earlier": [_user(before, claims, credit_j) for before in user.earlier]}
+        {
+            **_user(user, claims, credit_j, kind),
+            "earlier": [_user(before, claims, credit_j, kind) for before in user.earlier],
+        }
         for user in users
     ]
+    gated = COUPLING_KINDS[kind].gated
+    gates = told_gates(len(rows), 1e-3 * GATE_MJ * len(seat_sessions(rows))) if gated else None
     clients = [each.client for user in users for each in (*user.earlier, user) if each.client and not claims]
     return {
         "name": name,
         "seed": seed,
         "seconds": seconds,
-        "passive": passive_of(rows, credit_j),
+        "passive": passive_of(rows, credit_j, gates),
         "credit_j": credit_j,
         "unstable": bool(room and room.unstable) or any(client.unstable for client in clients),
         "saturated": any(client.saturated for client in clients),
@@ -87,6 +95,7 @@ def summarise(
             "travel_m": _of(room, "travel_m"),
         },
         "users": rows,
+        "gates": gates,
         "server": {
             "ticks": _ticks(_of(room, "ticks")),
             "energy_balance_error_j": _of(room, "energy_balance_error_j"),
@@ -172,7 +181,7 @@ def _of_settings(
 ) -> dict[str, Any]:  # fmt: skip
     return summarise(
         name=name, seed=settings.seed, seconds=seconds, users=users,
-        tank_mj=lent_mj(settings.coupling.kind, settings.playout.tank_mj),
+        kind=settings.coupling.kind, tank_mj=lent_mj(settings.coupling.kind, settings.playout.tank_mj),
         room=room, dropped=dropped, playout_frames=settings.playout.frames, claims=claims,
     )  # fmt: skip
 
@@ -193,8 +202,10 @@ def _of(end: object, name: str) -> Any:
     return list(value) if isinstance(value, tuple) else value
 
 
-def _user(user: UserRecord, claims: bool, credit_j: float) -> dict[str, Any]:
-    client, seat = user.client, user.seat
+def _user(user: UserRecord, claims: bool, credit_j: float, kind: Kind) -> dict[str, Any]:
+    client, seat, gated = user.client, user.seat, COUPLING_KINDS[kind].gated
+    claimed = (*INCIDENTS, "down_margin_j", *(["line_margin_j"] if gated else []))
+    lent_j = 1e-3 * GATE_MJ if gated else 2.0 * credit_j
     device = client.device if client else DeviceAccount()
     row: dict[str, Any] = {
         "name": user.name,
@@ -220,7 +231,7 @@ def _user(user: UserRecord, claims: bool, credit_j: float) -> dict[str, Any]:
             "down_reserve_j": _of(client, "down_reserve_j"),
             "line_reserve_j": _of(seat, "line_reserve_j"),
             "device_reserve_j": device.reserve_j,
-            "budget_j": None if device.budget_j is None else device.budget_j + 2.0 * credit_j,
+            "budget_j": None if device.budget_j is None else device.budget_j + lent_j,
         },
         # null where nobody looked at the device port: the margin says whether somebody did
         **{key: getattr(device, key) if device.margin_j is not None else None for key in _DEVICE},
@@ -234,7 +245,7 @@ def _user(user: UserRecord, claims: bool, credit_j: float) -> dict[str, Any]:
         **{key: _of(client, key) for key in INCIDENTS},
         "state": shown(client.state) if client else None,
         "reason": shown(client.reason) if client else None,
-        "claimed": {key: _of(client, key) for key in (*INCIDENTS, "down_margin_j")} if claims else None,
+        "claimed": {key: _of(seat if key == "line_margin_j" else client, key) for key in claimed} if claims else None,
     }
     if client and len(client.force_n) == GRIP_AXES:  # the account has one number for what is behind the places
         row["peak_grip_n"], row["peak_torque_nm"] = client.peak_torque_nm, 0.0

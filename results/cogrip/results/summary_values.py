@@ -3,7 +3,7 @@
 import math
 from typing import Any
 
-from cogrip.protocol.settings.coupling_kinds import COUPLING_KINDS, CouplingKind, lent_mj
+from cogrip.protocol.settings.coupling_kinds import COUPLING_KINDS, UNLENT_MJ, CouplingKind, lent_mj
 
 Summary = dict[str, Any]
 UNKNOWN = "not known"
@@ -113,8 +113,8 @@ def share(value: float | None) -> str:
 
 
 def ledgers(user: dict[str, Any]) -> dict[str, str]:
-    """Return the lines' margins that the verdict rests on: not the one that only somebody else's client kept."""
-    return {key: words for key, words in MARGINS.items() if key != "down_margin_j" or not user.get("claimed")}
+    """Return the lines' margins that the verdict rests on: none that only somebody else's client kept."""
+    return {key: words for key, words in MARGINS.items() if key not in (user.get("claimed") or ())}
 
 
 def least_reserve(users: list[dict[str, Any]], key: str) -> tuple[float, str] | None:
@@ -140,6 +140,16 @@ def lent_j(settings: Any) -> float | None:
     if not is_number(tank_mj):
         return None
     return 1e-3 * lent_mj(kind, tank_mj) if kind in COUPLING_KINDS else 1e-3 * float(tank_mj)
+
+
+def told_gates(
+    number: int, budget_j: float, margin_j: float | None = None, taken_j: dict[str, float] | None = None
+) -> dict[str, Any]:
+    """Return `gates` of a summary. margin_j, taken_j: None where no recordings tell of them."""
+    tolerance_j = 1e-3 * UNLENT_MJ * number
+    return {
+        "people": number, "budget_j": budget_j, "tolerance_j": tolerance_j, "margin_j": margin_j, "taken_j": taken_j,
+    }  # fmt: skip
 
 
 def worst_margin(users: list[dict[str, Any]]) -> tuple[float, str, str] | None:

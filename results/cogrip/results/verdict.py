@@ -63,8 +63,13 @@ def unjudged(summary: Summary) -> bool:
 # Passive ---------------------------------------------------------------------------------------------------------------
 
 
-def passive_of(rows: list[Row], credit_j: float) -> bool | None:
-    """Return `passive` of a summary with these people, by the reported margins; None where an end reported none."""
+def passive_of(rows: list[Row], credit_j: float, gates: Row | None = None) -> bool | None:
+    """Return `passive` of a summary with these people, by the reported margins; None where an end reported none.
+
+    gates: of the summary; None where the scheme has none
+    """
+    if _gates_leaked(gates):
+        return False
     held = list(occupied(rows))
     reported = [(row, key, dig(row, "energy", key)) for row in held for key in _measured(row)]
     if any(
@@ -72,7 +77,13 @@ def passive_of(rows: list[Row], credit_j: float) -> bool | None:
         for row, key, value in reported
     ):
         return False
-    return None if not held or any(map(_untold, held)) else True
+    return None if not held or any(_untold(row, gates) for row in held) else True
+
+
+def _gates_leaked(gates: Row | None) -> bool:
+    """Return whether recordings show that all hands together took more than their gates may give."""
+    margin_j = dig(gates, "margin_j")
+    return margin_j is not None and not (is_number(margin_j) and margin_j >= -float(dig(gates, "tolerance_j") or 0.0))
 
 
 def least_margin(row: Row, key: str, credit_j: float) -> float:
@@ -103,8 +114,9 @@ def _claimed_down(users: list[Row]) -> list[tuple[float, str, str]]:
 
 def _measured(row: Row) -> tuple[str, ...]:
     """Return the margins that a verdict may rest on: of somebody else's client, those that the server's end took part in."""
-    ours = ("up_margin_j", "line_margin_j")
-    return ours if row.get("claimed") else (*ours, "down_margin_j", "device_margin_j")
+    every = ("up_margin_j", "line_margin_j", "down_margin_j", "device_margin_j")
+    claimed = row.get("claimed")
+    return tuple(key for key in every if not claimed or key not in (*claimed, "device_margin_j"))
 
 
 def passive(summary: Summary) -> Judgement:
@@ -112,7 +124,12 @@ def passive(summary: Summary) -> Judgement:
     credit_j = recorded if is_number(recorded := summary.get("credit_j")) else None
     users, said = people(summary), summary.get("passive")
     worst, device = worst_margin(users), _worst_device(users)
-    lent = _budget(users, credit_j)
+    gates = found if isinstance(found := summary.get("gates"), dict) else None
+    lent = _budget(users, credit_j) if gates is None else _gates(gates)
+    if _gates_leaked(gates):
+        least = energy(dig(gates, "margin_j"))
+        text = f"Not passive: all hands together took more than their gates may give (margin {least}).{lent}"
+        return Judgement("passive", "bad", text, f"not passive: hands together {least}")
     if said is False:
         return Judgement("passive", "bad", *_not_passive(users, worst, device, credit_j or 0.0, lent))
     if claims := _claimed_margins(users, credit_j or 0.0):
@@ -120,16 +137,18 @@ def passive(summary: Summary) -> Judgement:
         return Judgement("passive", "warn", text, f"{claims[0]}{f' and {len(claims) - 1} more' if claims[1:] else ''}")
     missing: dict[str, list[str]] = {}
     for row in occupied(users):
-        for text in _untold(row):
+        for text in _untold(row, gates):
             missing.setdefault(text, []).append(name_of(row))
     if missing or said is not True or worst is None:
         reported = [f"{text} of {some(dict.fromkeys(names))}" for text, names in missing.items()]
         why = "; ".join(reported) or "no end reported its energy margin"
         return Judgement("passive", "warn", f"Whether the run was passive is not known: {why}.")
     port = "no device's motors either" if device else "nor, say the clients, any motors"
-    port += _least_reserves(users)
+    port += _least_reserves(users, line=gates is None)
     margin_j, ledger, who = min(worst, *_claimed_down(users))
-    if margin_j < -ROUNDING_J:
+    if gates is not None:
+        text = f"Passive: no hand got more than it had put in, was given, and its gate may lend, {port}.{lent}"
+    elif margin_j < -ROUNDING_J:
         most = f"by {energy(-margin_j)} at most ({ledger} of {who}), within what a line may lend"
         text = f"Passive: no line gave out more energy than had been put in but {most}; {port}.{lent}"
     else:
@@ -147,6 +166,17 @@ def _budget(users: list[Row], credit_j: float | None) -> str:
     return f" A person's energy budget is {span}, with {lent}."
 
 
+def _gates(gates: Row) -> str:
+    """Return what all hands together took, of what their gates may give."""
+    taken_j, budget_j = dig(gates, "taken_j"), dig(gates, "budget_j")
+    if not isinstance(taken_j, dict) or not is_number(dig(gates, "margin_j")):
+        return f" Together the gates may give {energy(budget_j)}, and a refill at rest."
+    each = ", ".join(f"{name} {energy(value)}" for name, value in taken_j.items())
+    spare = f"at least {energy(max(0.0, gates['margin_j']))} was left at all times"
+    shown = f" Together the gates might give {energy(budget_j)}, and {spare}, by the recorded forces and places"
+    return f"{shown}; most taken: {each}."
+
+
 def _claimed_margins(users: list[Row], credit_j: float) -> list[str]:
     """Return what clients of others say against themselves."""
     return [
@@ -158,12 +188,14 @@ def _claimed_margins(users: list[Row], credit_j: float) -> list[str]:
     ]
 
 
-def _least_reserves(users: list[Row]) -> str:
-    """Return the least energy reserves after the first second, "" where no end reported it."""
-    line, device = least_reserve(users, "line_reserve_j"), least_reserve(users, "device_reserve_j")
+def _least_reserves(users: list[Row], line: bool) -> str:
+    """Return the least energy reserves after the first second, "" where no end reported it. line: whether lines have one"""
+    whole, device = least_reserve(users, "line_reserve_j"), least_reserve(users, "device_reserve_j")
     ours = device if not any(row.get("claimed") for row in users) else None
     reported = [
-        f"{energy(each[0])} {where}" for each, where in ((line, "in a whole line"), (ours, "at a device")) if each
+        f"{energy(each[0])} {where}"
+        for each, where in ((whole if line else None, "in a whole line"), (ours, "at a device"))
+        if each
     ]
     return f"; least reserve after the first second {', '.join(reported)}" if reported else ""
 
@@ -208,7 +240,7 @@ def _worst_device(users: list[Row]) -> tuple[float, str] | None:
     return min(found, default=None)
 
 
-def _untold(row: Row) -> list[str]:
+def _untold(row: Row, gates: Row | None = None) -> list[str]:
     """Return what is missing of a seat session before it can be called passive, in words to stand before `of <name>`."""
     if row.get("state") is None:
         received = dig(row, "link", "up", "received")
@@ -219,6 +251,8 @@ def _untold(row: Row) -> list[str]:
         missing.append("no energy ledger was kept on the network")
     elif None in margins:
         missing.append("the server reported nothing of the line")
+    if gates is not None and row.get("claimed") and not is_number(gates.get("margin_j")):
+        missing.append("no recording shows the work of the hand")
     if dig(row, "energy", "device_margin_j") is None:
         missing.append("nothing was reported of the device port")
     return missing

@@ -11,7 +11,7 @@ from cogrip.protocol.settings.hand import UNCHANGED
 if TYPE_CHECKING:  # the command that asks needs no room, and none of numpy
     from cogrip.protocol.wire.clock import MessageClock
     from cogrip.server.room import Room
-    from cogrip.server.seats.participants import Participant
+    from cogrip.server.seats.participants import Participant, Seat
 
 MOST_LISTED = 100  # most entries in an answer
 
@@ -33,6 +33,11 @@ class RosterEntry(msgspec.Struct, frozen=True, omit_defaults=True):
     lost: int | None = None  # frames from this person that never came
     holds: bool = False  # the person holds the object
     hand: str = ""  # settings of the hand that differ from those of a hand that moves its tool as itself
+    # energies of the gate at the hand, where there is one: what it put in and was given less what it took, as its client
+    # tells; what it gave to the others and got from them, as it was passed on
+    gate_j: Number = None
+    gave_j: Number = None
+    got_j: Number = None
 
 
 def roster_of(rooms: "Iterable[Room]", now_ns: int) -> list[RosterEntry]:
@@ -42,7 +47,7 @@ def roster_of(rooms: "Iterable[Room]", now_ns: int) -> list[RosterEntry]:
         entries += [
             _entry(room, seat, now_ns, seat=seat.number, device=seat.record.device if seat.record else "",
                    rtt_ms=_ms(seat.rtt_ns), lost=seat.port.lost if seat.port else None, holds=seat.on_object,
-                   hand=seat.hand.holds.unlike(UNCHANGED).text)
+                   hand=seat.hand.holds.unlike(UNCHANGED).text, **_gate(seat))
             for seat in room.seats if seat.state == "seated"
         ]  # fmt: skip
         entries += [
@@ -50,6 +55,12 @@ def roster_of(rooms: "Iterable[Room]", now_ns: int) -> list[RosterEntry]:
             for observer in room.observer_slots.observers.values()
         ]
     return entries
+
+
+def _gate(seat: "Seat") -> dict[str, Number]:
+    if seat.port is None or not seat.settings.coupling.traits.gated:
+        return {}
+    return {"gate_j": seat.line_reserve.now_j, "gave_j": seat.port.used_j, "got_j": seat.port.made_j}
 
 
 def _entry(room: "Room", who: "Participant", now_ns: int, **other: Any) -> RosterEntry:

@@ -11,6 +11,7 @@ from cogrip.protocol.axes import PLACES
 from cogrip.protocol.drawing import Shape
 from cogrip.protocol.scene_words import as_sentence
 from cogrip.protocol.session_drawing import LEAST_DRAWN_N, anchors_m
+from cogrip.protocol.settings.coupling_kinds import lent_mj
 from cogrip.protocol.settings.effects import Effect, drawn_effect
 from cogrip.protocol.settings.seat import SeatSettings
 from cogrip.protocol.texts import shown
@@ -42,7 +43,7 @@ class LiveScene:
         """welcome: settings of an observer's welcome."""
         self._settings = welcome
         self._frame_s = welcome.rates.frame_s
-        self._credit_j = welcome.playout.tank_mj * 1e-3
+        self._credit_j = 1e-3 * lent_mj(welcome.coupling.kind, welcome.playout.tank_mj)
         self._first: int | None = None
         self._path: deque[tuple[int, Vector]] = deque(maxlen=KEPT_STEPS)
         self._counts: dict[int, deque[tuple[float, int, int]]] = {}
@@ -195,7 +196,8 @@ class LiveScene:
 
     def _note(self) -> str:
         """Return what a person who looks at this should know of it."""
-        return " ".join([as_sentence(shown(text)) for text in self._notes])
+        copies = self._settings.coupling.traits.copies
+        return " ".join([*([copies] if copies else []), *(as_sentence(shown(text)) for text in self._notes)])
 
 
 def hand_words(before: Person | None, person: Person) -> str:

@@ -24,6 +24,7 @@ from cogrip.protocol.recording.reader import RecordingError
 from cogrip.protocol.recording.records import Geoms, Number, Poses, Row, SeatStep, Step, Tick
 from cogrip.protocol.scene_words import as_sentence, left_out_words
 from cogrip.protocol.session_drawing import LEAST_DRAWN_N, anchors_m
+from cogrip.protocol.settings.coupling_kinds import lent_mj
 from cogrip.protocol.settings.effects import drawn_effect
 from cogrip.protocol.settings.sections import Settings
 from cogrip.protocol.texts import shown
@@ -94,7 +95,8 @@ class RecordedView:
     def __init__(self, path: Path) -> None:
         run = open_run(path)
         self._settings = run.settings() or _settings_beside(run.folder)
-        self._notes = list(run.notes)
+        copies = self._settings.coupling.traits.copies if self._settings and run.server else ""
+        self._notes = [*([copies] if copies else []), *run.notes]
         self._clients = {name: FileIndex(end, ("tick", "event")) for name, end in run.clients.items()}
         self._server: FileIndex | None = None
         self._bodies: list[str] = []  # topics of the shapes and the poses of a scene
@@ -249,7 +251,8 @@ class RecordedView:
         bodies: dict[int, tuple[Pose, ...]],
     ) -> Iterator[SceneFrame]:  # fmt: skip
         times_s = [time_s for time_s, _ in steps]
-        credit_j = self._settings.playout.tank_mj * 1e-3 if self._settings else 0.0
+        given = self._settings
+        credit_j = 1e-3 * lent_mj(given.coupling.kind, given.playout.tank_mj) if given else 0.0
         unknown = (UNKNOWN_POSE,) * len(self._first_poses)
         for time_s, step in steps:
             if time_s < from_s or step.step % self._every:

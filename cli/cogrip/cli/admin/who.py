@@ -10,6 +10,7 @@ from cogrip.cli.session.loopback import is_loopback
 from cogrip.cli.terminal.output import Json, make_console, write_json
 from cogrip.cli.terminal.problem import BadInput
 from cogrip.cli.terminal.tables import Fitted, clock, columns_table
+from cogrip.protocol.settings.coupling_kinds import GATE_MJ
 from cogrip.protocol.texts import shown
 from cogrip.protocol.wire.join_link import DEFAULT_PORT
 from cogrip.server.io.control import MOST_WORD, WhoOrder
@@ -50,8 +51,17 @@ def who(
         for each in answer.people:
             if each.hand:
                 console.print(f"{shown(each.name)}: {shown(each.hand)}")
+            if each.gave_j is not None:
+                console.print(f"{shown(each.name)}: {gate_words(each)}")
     console.print(answer.text)
     return 0
+
+
+def gate_words(each: RosterEntry) -> str:
+    """Return what the gate at a person's hand lends, as its client tells, and what was passed to and from it."""
+    left = "not told" if each.gate_j is None else f"{1e3 * each.gate_j + GATE_MJ:z.1f} of {GATE_MJ:g} mJ left, it says"
+    gave, got = (f"{1e3 * (value or 0.0):z.1f} mJ" for value in (each.gave_j, each.got_j))
+    return f"gate: {left}; gave {gave} to the others, got {got}"
 
 
 def _number_here(server: str, state: Path | None, port: int) -> int:

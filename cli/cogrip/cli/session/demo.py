@@ -37,6 +37,7 @@ from cogrip.results.folder import (
     write_settings,
     write_summary,
 )
+from cogrip.results.gates import judge_gates
 from cogrip.results.report.page import write_report
 from cogrip.results.summary import of_accounts
 from cogrip.results.summary_values import task_of
@@ -161,6 +162,8 @@ def _conclude(settings: Settings, folder: Path, failed: dict[str, str], stop: St
         summary = msgspec.json.decode(summary_file.read_bytes())
     else:  # the server is gone: the clients' accounts are left
         summary = of_accounts(settings, read_accounts(folder, [user.name for user in settings.users]))
+        write_summary(folder, summary)
+    if judge_gates(folder, summary):
         write_summary(folder, summary)
     with console.status("writing the report"):
         report = write_report(folder)

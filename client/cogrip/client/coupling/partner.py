@@ -10,15 +10,16 @@ gate at its own spring bounds (`spring_gate`). Symbols: x hand, o copy, s = x - 
 from collections.abc import Sequence
 from math import inf
 
+from msgspec.structs import replace
+
 from cogrip.client.coupling.hand_stiffness import DeviceDrag, HandStiffness
 from cogrip.client.coupling.intention import Intention
-from cogrip.client.coupling.interface import LatestStateCoupling, Row
+from cogrip.client.coupling.interface import Coupling, LatestStateCoupling, Row
 from cogrip.client.coupling.release import Release
-from cogrip.client.coupling.spring_gate import SpringGate
+from cogrip.client.coupling.spring_gate import BUDGET_J, SpringGate
 from cogrip.devices.device import Capability
 from cogrip.machine.addition import add_floats
 from cogrip.protocol.laws.partner_model import Model, ahead, step_object
-from cogrip.protocol.line.energy_reserve import EnergyReserve
 from cogrip.protocol.settings.seat import SeatSettings
 from cogrip.protocol.wire.clock import MessageClock
 from cogrip.protocol.wire.handle import Handle
@@ -61,18 +62,22 @@ class PartnerCoupling(LatestStateCoupling[Partner]):
         self._hold = 1.0  # factor on the stiffness of a hand that is leaving
         self._stored_j = 0.0
         self._clock_ns = 0  # server's time at the newest message, less what has passed here since
-        self.down_margin_j: float | None = None
-        self.down_reserve = EnergyReserve(seat.rates.network_hz)  # never seen: no ledger is kept of one direction
+        self._worked_j = self._granted_j = 0.0  # of the gate as this line began, where the hand had one before
 
     # The ledger
 
     @property
     def port_j(self) -> float:
-        return self.gate.work.value
+        return self.gate.work.value - self._worked_j
 
     def given_j(self) -> float:
         """Return what the seat's budget, its partners and the refill gave, less what it gave them."""
-        return self.gate.granted_j
+        return self.gate.granted_j - self._granted_j
+
+    @property
+    def reserve_j(self) -> float:
+        """Return what the hand has put in and was given, less what it took and gave away: b - E_0 (theory 5b)."""
+        return self.gate.budget_j - BUDGET_J
 
     @property
     def stored_j(self) -> float:
@@ -101,6 +106,9 @@ class PartnerCoupling(LatestStateCoupling[Partner]):
 
     def end_frame(self, spare_j: float = inf) -> int:
         self._number += 1
+        self.down_reserve.elapse()
+        self.down_reserve.update(reserve_j := self.reserve_j)
+        self.down_margin_j = min(self.down_margin_j or 0.0, reserve_j)
         return self.frame_ticks
 
     def start_frame(self) -> int:
@@ -135,9 +143,9 @@ class PartnerCoupling(LatestStateCoupling[Partner]):
         known.age_s = self._age_s(intent)
         if known.donated_j is None:
             known.donated_j = intent.donated_j
-        elif intent.donated_j > known.donated_j:
-            self.gate.credit((intent.donated_j - known.donated_j) / self._others)
-            known.donated_j = intent.donated_j
+        else:
+            self.gate.credit(max(0.0, intent.donated_j - known.donated_j) / self._others)
+            known.donated_j = intent.donated_j  # a later intention with a smaller counter: it counts anew
 
     def _age_s(self, intent: Intent) -> float:
         """Return how old an intention was as its message came; 0 where no clock tells."""
@@ -224,6 +232,18 @@ class PartnerCoupling(LatestStateCoupling[Partner]):
 
     # Messages
 
+    def go_on_from(self, before: Coupling) -> None:
+        """Begin as the line before ended: what its hand may take is left as it was, and so is where copy and models are."""
+        super().go_on_from(before)
+        assert isinstance(before, PartnerCoupling)
+        self.gate = before.gate
+        self._worked_j, self._granted_j = self.gate.work.value, self.gate.granted_j
+        self.place_m, self.velocity_mps = before.place_m, before.velocity_mps
+        self.intention, self.grip, self.release = before.intention, before.grip, before.release
+        self.partners, self._here_s = before.partners, before._here_s
+        for known in self.partners.values():  # whatever counters and clock the server has now
+            known.donated_j, known.intent = None, known.intent and replace(known.intent, made_ns=0)
+
     def message(
         self, session: int, clock: MessageClock, now_ns: int, origin_m: Row, position_m: Row, velocity_mps: Sequence[float],
         handle: Handle | None = None,
@@ -240,7 +260,7 @@ class PartnerCoupling(LatestStateCoupling[Partner]):
             ),)  # fmt: skip
         return encode(Partner(
             session, self._number, position_m, tuple(velocity_mps), intents, self._receiver.acknowledged, clock.stamp(now_ns),
-            handle,
+            handle, port_j=self.reserve_j,
         ))  # fmt: skip
 
     def receive(self, message: Partner) -> bool:

@@ -20,8 +20,9 @@ from math import sqrt
 
 from cogrip.machine.addition import add_floats
 from cogrip.protocol.line.energy_sums import CompensatedSum
+from cogrip.protocol.settings.coupling_kinds import GATE_MJ
 
-BUDGET_J = 0.05  # E_0 of a person
+BUDGET_J = 1e-3 * GATE_MJ  # E_0 of a person
 CAP_J = BUDGET_J + 0.1  # most free energy
 FADE_S = 0.02  # tau_s
 DONATED_S = 0.05  # time in which what is above E_0 is donated

@@ -50,6 +50,16 @@ class CouplingKind(NamedTuple):
         return self.frame == "Waves"
 
     @property
+    def gated(self) -> bool:
+        """True where a gate at each hand's own spring bounds what it gets, and no line carries energy (theory 5b)."""
+        return self.frame == "Partner"
+
+    @property
+    def copies(self) -> str:
+        """Sentence for whoever looks at the object where each hand feels another copy of it; "" where there is one object."""
+        return "Shown is the server's copy of the object: each hand feels a copy of its own." if self.gated else ""
+
+    @property
     def felt_through_waves(self) -> bool:
         """True where contact is felt through wave lines: they make it softer, and compensation makes up for that."""
         return self.waves and not self.local
@@ -82,7 +92,16 @@ COUPLING_KINDS: dict[Kind, CouplingKind] = {
 UNLENT_MJ = 1.0
 """Energy that a scheme without a credit may give out before it is not passive [mJ]: it moves an arm of 75 g at 0.16 m/s."""
 
+GATE_MJ = 50.0
+"""Energy E_0 that a gate lets its hand take beyond what that has put in and partners gave, once in its life [mJ]."""
+
 
 def lent_mj(kind: Kind, tank_mj: float) -> float:
-    """Return what each direction of a line may give out beyond what came in [mJ]: the credit of a wave line, else UNLENT_MJ."""
-    return tank_mj if COUPLING_KINDS[kind].waves else min(tank_mj, UNLENT_MJ)
+    """Return what may come out beyond what came in [mJ]: of a wave line each direction's credit, of a gate its E_0.
+
+    Beside E_0 a gate may let UNLENT_MJ pass, what the hand takes in two ticks; of other schemes it is that alone.
+    """
+    kinds = COUPLING_KINDS[kind]
+    if kinds.gated:
+        return GATE_MJ + UNLENT_MJ
+    return tank_mj if kinds.waves else min(tank_mj, UNLENT_MJ)

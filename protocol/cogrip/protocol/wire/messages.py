@@ -428,7 +428,7 @@ class Intent(msgspec.Struct, frozen=True, array_like=True, gc=False):
 
 
 class Partner(Message, frozen=True, tag=21):
-    """A partner's model (`SPEC.md` section 7c): the client tells its hand and its intention, the server object and partners."""
+    """A partner's model (`SPEC.md` section 7e): the client tells its hand and its intention, the server object and partners."""
 
     session: Session
     number: Counter
@@ -439,11 +439,7 @@ class Partner(Message, frozen=True, tag=21):
     stamp: Stamp
     handle: Handle | None = None  # handle and edges as in `Waves`
     edges: EdgeCount = 0
-
-    @property
-    def port_j(self) -> float:
-        """Energy that went in, less what came out: not told, as no line carries it."""
-        return 0.0
+    port_j: Total = 0.0  # up: what the hand put in and was given, less what it took and gave away
 
     def of_axes(self, axes: int) -> bool:
         """Return whether every list has one number an axis."""

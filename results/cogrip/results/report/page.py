@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, NamedTuple
 from cogrip.results.folder import write_whole
 from cogrip.results.judgement import Tone
 from cogrip.results.report.tables import dropped_table, people_table, room_table, settings_tables
-from cogrip.results.summary_values import dig, number
+from cogrip.results.summary_values import dig, number, traits_of
 from cogrip.results.traces import MOST_PEOPLE, TracedRun, load_run
 from cogrip.results.verdict_text import verdict
 
@@ -95,6 +95,7 @@ def render(run: TracedRun, pictures: list[Picture]) -> str:
     summary = run.summary
     name = str(summary.get("name") or run.settings.get("name") or run.folder.name)
     more = len(run.names) - MOST_PEOPLE
+    copies = [traits.copies] if (traits := traits_of(run.settings)) and traits.copies else []
     left_out = [f"The plots show the first {MOST_PEOPLE} people; {more} more are in the table only."]
     return render_page(
         "run.html.j2",
@@ -103,7 +104,7 @@ def render(run: TracedRun, pictures: list[Picture]) -> str:
         name=name,
         about=about(run, run.folder.name),
         verdict=verdict_of(run),
-        notes=[*run.notes, *(left_out if more > 0 else ())],
+        notes=[*copies, *run.notes, *(left_out if more > 0 else ())],
         people=people_table(summary),
         room=room_table(summary),
         pictures=pictures,

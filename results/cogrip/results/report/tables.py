@@ -281,6 +281,12 @@ def room_table(summary: Summary) -> ReportTable:
     rows = _rows(_ROOM, [summary])
     if is_number(paid_j := dig(summary, "server", "energy_limiter", "paid_j")):
         rows.append(row("taken by the energy limiter", [energy(paid_j)]))
+    if isinstance(gates := summary.get("gates"), dict):
+        rows.append(row("all gates may give", [energy(gates.get("budget_j"))]))
+        rows.append(row("least left of it, as recorded", [energy(gates.get("margin_j"))]))
+        taken_j = gates.get("taken_j")
+        taken = taken_j.items() if isinstance(taken_j, dict) else ()
+        rows += [row(f"most taken by {name}", [energy(value)]) for name, value in taken]
     if task := task_of(summary):
         rows.append(row(f"task with the {task.get('body')}", [task_result(task)]))
         rows += [row(f"task: {words}", [value]) for words, value in task_goals(task)]

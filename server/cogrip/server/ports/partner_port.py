@@ -23,12 +23,14 @@ class DonationLimiter(PowerBucket):
     def __init__(self, frame_s: float, limits: SeatLimits, power_left: float = 1.0) -> None:
         super().__init__(frame_s, limits, power_left)
         self._told_j: float | None = None  # as the client said last
+        self.given_j = 0.0  # what it said that it has donated since it came
         self.passed_j = 0.0  # counter that goes to the others
 
     def limit(self, donated_j: float) -> float:
         """Return the counter to pass on for the one that a client tells in this step."""
         grown = 0.0 if self._told_j is None else max(0.0, donated_j - self._told_j)
         self._told_j = donated_j if self._told_j is None else max(self._told_j, donated_j)
+        self.given_j += grown
         allowed = min(grown, max(0.0, self._level_j))
         if allowed < grown:
             self.counts["power limited"] += 1
@@ -38,11 +40,15 @@ class DonationLimiter(PowerBucket):
 
 
 class PartnerPort(LatestStatePort[Partner]):
-    """See `Port`. No ledger is kept of one direction: each hand's own gate bounds what it gets."""
+    """See `Port`. The line up carries what the hand donates, the line down the parts of what the others do.
+
+    Each hand's own gate bounds what it gets: of the whole line only its client knows, which tells it.
+    """
 
     def __init__(self, seat: SeatSettings, limits: SeatLimits, power_left: float = 1.0) -> None:
         super().__init__(seat, limits)
-        self.up_margin_j = None
+        self._counters_j: dict[int, float] = {}  # of each partner, as passed to this hand last
+        self._passed_down_j, self._others = 0.0, max(1, seat.people - 1)
         self._seat, self._frame_ns = seat.seat, round(1e9 * seat.rates.frame_s)
         self._row: Row = (0.0,) * (2 * self.axes)
         self._donations = DonationLimiter(seat.rates.frame_s, limits, power_left)
@@ -68,11 +74,19 @@ class PartnerPort(LatestStatePort[Partner]):
         """An object that rests where the hand is, and no partners."""
         return (self.hand or (0.0,) * self.axes) + (0.0,) * self.axes
 
-    def port_in_j(self) -> float | None:
-        return None
+    @property
+    def used_j(self) -> float:
+        """Energy that the hand has donated, as far as it was passed on."""
+        return self._donations.passed_j
+
+    @property
+    def made_j(self) -> float:
+        """Energy that was passed to the hand of what the others have donated: its part."""
+        return self._passed_down_j
 
     def pop(self, frames: int) -> Row:
         newest, axes = self._pop(frames), self.axes
+        self.up_reserve.elapse(frames)
         if newest is None or not newest.intents:
             place = self.hand or (0.0,) * axes
             return place + place + (0.0,) * ((FIELDS - 2) * axes)
@@ -81,6 +95,7 @@ class PartnerPort(LatestStatePort[Partner]):
         age_s = 1e-9 * max(0, now_ns - intent.made_ns) if intent.made_ns else 0.0
         there = tuple(ahead(intent.intention_m, intent.rate_mps, age_s))
         told = intent.stiffness_npm, self._donations.limit(intent.donated_j), 1e-9 * intent.made_ns
+        self.up_reserve.update(self._donations.given_j - self._donations.passed_j)
         return there + intent.intention_m + intent.rate_mps + tuple([number for number in told for _ in range(axes)])
 
     def push(self, row: Row) -> None:
@@ -98,6 +113,8 @@ class PartnerPort(LatestStatePort[Partner]):
             if seat == self._seat or numbers[-1] <= 0.0:
                 continue
             stiffness, donated, made_s = numbers[2 * axes], numbers[3 * axes], numbers[4 * axes]
+            self._passed_down_j += max(0.0, donated - self._counters_j.get(seat, donated)) / self._others
+            self._counters_j[seat] = donated
             intents.append(
                 Intent(
                     seat,

@@ -1,6 +1,7 @@
 """A free object that the server steps with a model of every hand about its intention (`coupling.kind = "partner"`, theory 5b).
 
-It owns the object's place; each client steps a copy of its own. Inputs and answers are those of `ports.partner_port`.
+It owns the object's place; each client steps a copy of its own. Inputs and answers are those of `ports.partner_port`. No
+energy of this copy passes a line, so no work is counted.
 """
 
 from collections.abc import Sequence
@@ -44,31 +45,24 @@ class PartnersWorld(HandWorld):
             model.intention_m, model.stiffness_npm = here[user, 0].tolist(), float(rows[user, 3, 0])
             models.append(model)
         place, velocity = self.position.tolist(), self.velocity.tolist()
-        work = np.zeros(users)
         if held:
             # All springs are those of the room: the first person's stands for them.
             K, B = float(self.target_stiffness[held[0], 0]), float(self.target_damping[held[0], 0])
             for _ in range(STEPS_A_FRAME):
-                before = [list(model.place_m) for model in models]
                 for axis in range(axes):
                     place[axis], velocity[axis] = step_object(
                         axis, self.frame_s / STEPS_A_FRAME, (place[axis], velocity[axis]), self.mass_kg,
                         self.object_damping, (K, B), models,
                     )  # fmt: skip
-                for user, model, was in zip(held, models, before, strict=True):
-                    for axis in range(axes):
-                        force = K * (model.place_m[axis] - place[axis]) + B * (
-                            model.velocity_mps[axis] - velocity[axis]
-                        )
-                        self.force[user, axis] = force
-                        work[user] += force * (model.place_m[axis] - was[axis])
+            for user, model in zip(held, models, strict=True):
+                stretch = zip(model.place_m, place, model.velocity_mps, velocity, strict=True)
+                self.force[user] = [K * (x - o) + B * (speed - v) for x, o, speed, v in stretch]
             self.stiffness[held], self.damping[held] = K, B
         else:
             place = [at + self.frame_s * rate for at, rate in zip(place, velocity, strict=True)]
         self.position, self.velocity = np.array(place), np.array(velocity)
         for user, model in zip(held, models, strict=True):
             self.hand[user], self.speed[user] = model.place_m, model.velocity_mps
-        self._count_work(work)
         return self._answers(rows, here)
 
     def _answers(self, rows: Array, here: Array) -> Array:
