@@ -123,7 +123,9 @@ def test_who_falls_silent_comes_back_by_the_ticket_to_the_same_budget(delay_ms: 
 
 @pytest.mark.parametrize("delay_ms", DELAYS)
 @pytest.mark.parametrize("away_s", [0.3, long(1.2)])
-def test_a_server_that_dies_and_is_started_anew_steps_nobody_and_lends_nobody_more(delay_ms: float, away_s: float) -> None:
+def test_a_server_that_dies_and_is_started_anew_steps_nobody_and_lends_nobody_more(
+    delay_ms: float, away_s: float
+) -> None:
     laboratory = pulling(delay_ms)
     felt = held(laboratory)
     gates = [gate_of(laboratory, number) for number in (0, 1)]

@@ -7,13 +7,13 @@ in m, forces in N. In each frame, of the frame's means,
     g = F + m a + d v + c sign(v) + b_e v        e = x + g / k        D y = y_n - 2 y_{n-L} + y_{n-2L}
 
 D takes out what goes on evenly, as most of an intention does. A hand's own moves change x and g as well, and would pass for
-compliance; what the partners moved, later by the whole loop, is not of this hand's making. So z is the instrument (two-stage least
-squares): of D g only the part that D z explains counts, summed over axes and frames
+compliance; what the partners moved, later by the whole loop, is not of this hand's making. So z is the instrument (two-stage
+least squares): of D g only the part that D z explains counts, summed over axes and frames
 
     M = S(Dz Dg)^2 / S(Dz^2)    u = -S(Dz Dg) S(Dz Dx) / S(Dz^2)    w = 1 / (2 L r)    1/k = (p/k_0 + w u) / (p + w M)
 
-r is the mean square of D e where partners move, S(Dz^2 De^2) / S(Dz^2), so w M is information on 1/k, and p what is taken to be known of k_0 before. Sums are scaled down
-where w M is above MOST_KNOWN p: with nothing to learn from nothing is forgotten.
+r is the mean square of D e where partners move, S(Dz^2 De^2) / S(Dz^2), so w M is information on 1/k, and p what is taken to
+be known of k_0 before. Sums are scaled down where w M is above MOST_KNOWN p: with nothing to learn from nothing is forgotten.
 """
 
 from collections import deque
