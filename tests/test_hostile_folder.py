@@ -12,7 +12,7 @@ from msgspec.structs import replace
 
 from cogrip.cli.settings.settings_file import load
 from cogrip.cli.settings.shipped_settings import shipped
-from cogrip.results.laboratory_run import run_laboratory
+from cogrip.results.writing.laboratory_run import run_laboratory
 
 ROOT = Path(__file__).resolve().parents[1]
 FOLDERS = ("machine", "protocol", "devices", "client", "server", "sim", "results", "analysis", "experiments", "cli")

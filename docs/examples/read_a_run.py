@@ -9,7 +9,7 @@ from pathlib import Path
 
 import numpy as np
 
-from cogrip.results.records import open_run
+from cogrip.results.reading.records import open_run
 
 newest = max(Path("runs").glob("*-*"), default=Path("runs"))  # their names begin with the time
 run = open_run(sys.argv[1] if len(sys.argv) > 1 else newest)

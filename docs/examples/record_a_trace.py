@@ -11,7 +11,7 @@ import sys
 
 from cogrip.protocol.recording.reader import RecordingError
 from cogrip.protocol.wire.messages import MalformedError, Power, State, Waves, decode
-from cogrip.results.records import open_run
+from cogrip.results.reading.records import open_run
 
 USAGE = "usage: record_a_trace.py RUN PERSON up|down"
 

@@ -15,7 +15,7 @@ from typing import Any, NamedTuple
 
 import msgspec
 
-from cogrip.analysis.felt_probe import measure_felt
+from cogrip.analysis.feel.felt_probe import measure_felt
 from cogrip.analysis.figures.page import FigurePage, FigureTable, save_page
 from cogrip.cli.settings.settings_file import load
 from cogrip.cli.settings.shipped_settings import shipped

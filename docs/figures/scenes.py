@@ -14,7 +14,7 @@ from PIL import Image
 from view import FOLDER, SHOW, started_browser
 
 from cogrip.cli.settings.settings_file import load
-from cogrip.results.laboratory_run import run_laboratory
+from cogrip.results.writing.laboratory_run import run_laboratory
 from cogrip.view.page import self_contained
 from cogrip.view.recording import open_view
 from cogrip.view.scene import to_json

@@ -18,7 +18,7 @@ from PIL import Image
 
 from cogrip.protocol.settings.room import resolve
 from cogrip.protocol.settings.sections import Settings
-from cogrip.results.laboratory_run import run_laboratory
+from cogrip.results.writing.laboratory_run import run_laboratory
 from cogrip.view.page import self_contained
 from cogrip.view.recording import open_view
 from cogrip.view.scene import to_json

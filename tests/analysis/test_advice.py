@@ -5,12 +5,12 @@ from typing import Any
 import msgspec
 import pytest
 
-from cogrip.analysis import advice_change
-from cogrip.analysis.advice import AMPLE, HEAVY_KG, Advice, advise, advise_seat, feel_level
-from cogrip.analysis.advice_change import Change, change_to, ranked_changes
-from cogrip.analysis.finding import growth, warning_rows
-from cogrip.analysis.linear_session import ModelError, scheme_overrides
-from cogrip.analysis.stability import Limit
+from cogrip.analysis.advice import advice_change
+from cogrip.analysis.advice.advice import AMPLE, HEAVY_KG, Advice, advise, advise_seat, feel_level
+from cogrip.analysis.advice.advice_change import Change, change_to, ranked_changes
+from cogrip.analysis.advice.finding import growth, warning_rows
+from cogrip.analysis.linear.linear_session import ModelError, scheme_overrides
+from cogrip.analysis.linear.stability import Limit
 from cogrip.client.seat.rendered_damper import rounded_down
 from cogrip.devices.for_user import make_for
 from cogrip.protocol.line.concealment import held_force

@@ -11,22 +11,22 @@ import pytest
 from msgspec import to_builtins
 from msgspec.structs import replace
 
-from cogrip.analysis import felt_probe as felt
-from cogrip.analysis import laboratory_check
-from cogrip.analysis.advice import Advice, advise
-from cogrip.analysis.felt_probe import measure_felt
-from cogrip.analysis.finding import LEVELS, Finding
-from cogrip.analysis.laboratory_check import MORE_CONTROLLED, check, checked_change
-from cogrip.analysis.linear_session import ModelError
+from cogrip.analysis.advice import laboratory_check
+from cogrip.analysis.advice.advice import Advice, advise
+from cogrip.analysis.advice.finding import LEVELS, Finding
+from cogrip.analysis.advice.laboratory_check import MORE_CONTROLLED, check, checked_change
+from cogrip.analysis.feel import felt_probe as felt
+from cogrip.analysis.feel.felt_probe import measure_felt
+from cogrip.analysis.linear.linear_session import ModelError
 from cogrip.client.hand.velocity import largest_impedance
 from cogrip.client.seat.rendered_damper import rounded_down
 from cogrip.devices.for_user import make_for
 from cogrip.protocol.settings.room import rates_of, resolve
 from cogrip.protocol.settings.sections import Settings
 from cogrip.protocol.settings.table import SettingsError
-from cogrip.results.judgement import Tone
-from cogrip.results.summary import of_laboratory
-from cogrip.results.verdict import passive, stable
+from cogrip.results.verdict.judgement import Tone
+from cogrip.results.verdict.verdict import passive, stable
+from cogrip.results.writing.summary import of_laboratory
 from cogrip.sim.laboratory import Laboratory
 
 SITUATIONS = 40

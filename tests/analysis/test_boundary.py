@@ -7,11 +7,11 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from cogrip.analysis.boundary import ASIDE
-from cogrip.analysis.lifted_model import LiftedModel
-from cogrip.analysis.linear_session import ModelError, linear_session, scheme_overrides
-from cogrip.analysis.region import Region, dense_grid, grid_axes, regions, stiffnesses
-from cogrip.analysis.stability import largest_stable, radius
+from cogrip.analysis.linear.boundary import ASIDE
+from cogrip.analysis.linear.lifted_model import LiftedModel
+from cogrip.analysis.linear.linear_session import ModelError, linear_session, scheme_overrides
+from cogrip.analysis.linear.region import Region, dense_grid, grid_axes, regions, stiffnesses
+from cogrip.analysis.linear.stability import largest_stable, radius
 from cogrip.protocol.settings.room import resolve
 from cogrip.protocol.settings.sections import Settings
 

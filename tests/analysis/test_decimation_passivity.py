@@ -5,7 +5,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from cogrip.analysis.decimation_passivity import (
+from cogrip.analysis.linear.decimation_passivity import (
     Filter,
     aliased_gain,
     filter_of,

@@ -8,8 +8,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from cogrip.analysis.delay_budget import budget, total_s
-from cogrip.analysis.feel import (
+from cogrip.analysis.advice.delay_budget import budget, total_s
+from cogrip.analysis.feel.feel import (
     alone,
     conditions,
     decimated,
@@ -22,7 +22,7 @@ from cogrip.analysis.feel import (
     on_wall,
     slow_feel,
 )
-from cogrip.analysis.linear_session import LinearSession, linear_session, scheme_overrides
+from cogrip.analysis.linear.linear_session import LinearSession, linear_session, scheme_overrides
 from cogrip.protocol.laws.decimation import lag_s
 from cogrip.protocol.laws.felt_stiffness import felt_stiffness, line_compliance
 from cogrip.protocol.settings.delays import OneWayDelay

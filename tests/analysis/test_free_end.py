@@ -6,11 +6,11 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from cogrip.analysis.feel import no_contact
-from cogrip.analysis.free_end import free_end
-from cogrip.analysis.lifted_model import LiftedModel
-from cogrip.analysis.linear_session import LinearSession, seat_session
-from cogrip.analysis.stability import verdict
+from cogrip.analysis.advice.free_end import free_end
+from cogrip.analysis.feel.feel import no_contact
+from cogrip.analysis.linear.lifted_model import LiftedModel
+from cogrip.analysis.linear.linear_session import LinearSession, seat_session
+from cogrip.analysis.linear.stability import verdict
 from cogrip.client.hand.velocity import largest_impedance
 from cogrip.devices.device import Capability
 from cogrip.devices.registry import make

@@ -9,12 +9,12 @@ from typing import Any
 import msgspec
 import pytest
 
-from cogrip.analysis import felt_probe as felt
-from cogrip.analysis import laboratory_check
-from cogrip.analysis.advice import advise
-from cogrip.analysis.advice_change import Change, Score
-from cogrip.analysis.laboratory_check import Check, checked_change, checked_stiffest, words
-from cogrip.analysis.stiffest import SHARES, stiffest
+from cogrip.analysis.advice import laboratory_check
+from cogrip.analysis.advice.advice import advise
+from cogrip.analysis.advice.advice_change import Change, Score
+from cogrip.analysis.advice.laboratory_check import Check, checked_change, checked_stiffest, words
+from cogrip.analysis.advice.stiffest import SHARES, stiffest
+from cogrip.analysis.feel import felt_probe as felt
 from cogrip.devices.for_user import make_for
 from cogrip.protocol.settings.room import resolve
 from cogrip.protocol.settings.sections import Settings

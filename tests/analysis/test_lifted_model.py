@@ -15,9 +15,15 @@ from hypothesis import HealthCheck, assume, given, settings
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 
-from cogrip.analysis.lifted_model import LiftedModel
-from cogrip.analysis.linear_session import LinearPerson, ModelError, linear_session, rounding_notes, scheme_overrides
-from cogrip.analysis.stability import verdict
+from cogrip.analysis.linear.lifted_model import LiftedModel
+from cogrip.analysis.linear.linear_session import (
+    LinearPerson,
+    ModelError,
+    linear_session,
+    rounding_notes,
+    scheme_overrides,
+)
+from cogrip.analysis.linear.stability import verdict
 from cogrip.client.coupling.virtual_coupling import VirtualCoupling
 from cogrip.client.coupling.wave_coupling import WaveCoupling
 from cogrip.client.hand.velocity import MotionObserver

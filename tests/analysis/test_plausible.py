@@ -6,8 +6,8 @@ from typing import Any
 
 import pytest
 
-from cogrip.analysis.finding import Finding
-from cogrip.analysis.plausible import implausible
+from cogrip.analysis.advice.finding import Finding
+from cogrip.analysis.advice.plausible import implausible
 from cogrip.protocol.settings.room import resolve
 
 

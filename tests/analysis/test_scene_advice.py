@@ -8,19 +8,19 @@ from typing import Any
 import msgspec
 import pytest
 
-from cogrip.analysis.finding import plain
-from cogrip.analysis.laboratory_check import check
-from cogrip.analysis.line_advice import LIGHT_GRIP_N, loop_s, own_world_findings, press_n, stroke_s
-from cogrip.analysis.scene_advice import scene_findings
+from cogrip.analysis.advice.finding import plain
+from cogrip.analysis.advice.laboratory_check import check
+from cogrip.analysis.advice.line_advice import LIGHT_GRIP_N, loop_s, own_world_findings, press_n, stroke_s
+from cogrip.analysis.advice.scene_advice import scene_findings
 from cogrip.cli.settings.before_run import advice_on
 from cogrip.cli.settings.settings_file import load
 from cogrip.protocol.line.concealment import held_force
 from cogrip.protocol.settings.room import resolve, seat_settings
 from cogrip.protocol.settings.sections import Settings
 from cogrip.results.report.tables import room_table
-from cogrip.results.summary import of_laboratory
-from cogrip.results.verdict import judgements
-from cogrip.results.verdict_text import notes
+from cogrip.results.verdict.verdict import judgements
+from cogrip.results.verdict.verdict_text import notes
+from cogrip.results.writing.summary import of_laboratory
 from cogrip.sim.laboratory import Laboratory
 
 from tests.extent import every

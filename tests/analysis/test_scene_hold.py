@@ -4,7 +4,7 @@ from pathlib import Path
 
 import pytest
 
-from cogrip.analysis.scene_hold import LIFT_M, MOST_SLIP_M, SECONDS, Hold, HoldResult, hold
+from cogrip.analysis.advice.scene_hold import LIFT_M, MOST_SLIP_M, SECONDS, Hold, HoldResult, hold
 from cogrip.protocol.settings.room import resolve
 from cogrip.protocol.settings.sections import Settings
 

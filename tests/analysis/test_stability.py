@@ -9,10 +9,10 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from cogrip.analysis.lifted_model import LiftedModel
-from cogrip.analysis.linear_session import LinearSession, linear_session, scheme_overrides
-from cogrip.analysis.rigid_motion import Rigid
-from cogrip.analysis.stability import SEARCHED_TO_NPM, largest_stable, modes, optimistic_limit, radius, verdict
+from cogrip.analysis.linear.lifted_model import LiftedModel
+from cogrip.analysis.linear.linear_session import LinearSession, linear_session, scheme_overrides
+from cogrip.analysis.linear.rigid_motion import Rigid
+from cogrip.analysis.linear.stability import SEARCHED_TO_NPM, largest_stable, modes, optimistic_limit, radius, verdict
 from cogrip.protocol.settings.delays import OneWayDelay
 from cogrip.protocol.settings.room import resolve
 

@@ -6,7 +6,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 
-from cogrip.analysis.state_space import StateSpace, close, delay, diagonal, gain, lift, series, through
+from cogrip.analysis.linear.state_space import StateSpace, close, delay, diagonal, gain, lift, series, through
 
 Array = NDArray[np.float64]
 

@@ -17,7 +17,7 @@ from cogrip.protocol.recording.reader import open_recording
 from cogrip.protocol.recording.records import Datagram, kind_of
 from cogrip.protocol.wire.accounts import ClientAccount
 from cogrip.protocol.wire.messages import Waves, decode
-from cogrip.results.folder import SERVER_RECORDING, SETTINGS, client_recording, read_accounts, write_settings
+from cogrip.results.reading.folder import SERVER_RECORDING, SETTINGS, client_recording, read_accounts, write_settings
 
 from tests.bench import machine
 from tests.bench.children import output_at_end, start_cogrip, wait_for_line

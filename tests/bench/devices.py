@@ -18,7 +18,7 @@ from cogrip.cli.terminal.output import Json, make_console, write_json
 from cogrip.cli.terminal.problem import Problem, within
 from cogrip.cli.terminal.tables import plain_table
 from cogrip.protocol.settings.sections import Settings
-from cogrip.results.folder import SUMMARY, write_settings
+from cogrip.results.reading.folder import SUMMARY, write_settings
 
 from tests.bench import machine
 from tests.bench.children import output_at_end, start_cogrip, wait_for_line

@@ -20,7 +20,7 @@ from cogrip.experiments.methods.method import ChoiceError, choose
 from cogrip.experiments.worker_pool import LocalWorkers
 from cogrip.machine.stop import Stop, on_signals
 from cogrip.protocol.settings.table import SettingsError
-from cogrip.results.folder import finite
+from cogrip.results.reading.folder import finite
 
 from tests.bench.impaired_network.case import Job, measure_case, rest_from_s
 from tests.bench.impaired_network.matrix import (

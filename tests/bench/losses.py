@@ -15,7 +15,7 @@ from rich.table import Table
 from cogrip.cli.terminal.problem import Problem
 from cogrip.cli.terminal.tables import plain_table
 from cogrip.protocol.recording.reader import open_recording
-from cogrip.results.records import End
+from cogrip.results.reading.records import End
 from cogrip.server.recorder import step_topic
 
 from tests.bench.targets import reached

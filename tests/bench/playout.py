@@ -14,7 +14,7 @@ from cogrip.protocol.settings.link_profile import Link
 from cogrip.protocol.settings.network_profiles import PROFILES
 from cogrip.protocol.settings.rates import Hz, Rates
 from cogrip.protocol.settings.sections import Playout
-from cogrip.results.folder import finite
+from cogrip.results.reading.folder import finite
 
 from tests.bench.playout_trial import (
     TICKS,

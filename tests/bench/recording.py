@@ -21,10 +21,10 @@ from cogrip.cli.terminal.problem import BadInput, Problem
 from cogrip.machine.tick_count import TickCount
 from cogrip.protocol.recording.reader import open_recording
 from cogrip.protocol.settings.sections import Settings
-from cogrip.results.folder import SERVER_RECORDING, SETTINGS, client_recording, read_accounts, write_settings
-from cogrip.results.laboratory_run import run_laboratory
-from cogrip.results.records import End
+from cogrip.results.reading.folder import SERVER_RECORDING, SETTINGS, client_recording, read_accounts, write_settings
+from cogrip.results.reading.records import End
 from cogrip.results.replay.verify import verify
+from cogrip.results.writing.laboratory_run import run_laboratory
 
 from tests.bench import machine
 from tests.bench.children import output_at_end, start_cogrip, wait_for_line, with_tests_on_path

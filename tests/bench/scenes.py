@@ -13,7 +13,7 @@ from cogrip.cli.terminal.output import make_console
 from cogrip.cli.terminal.tables import plain_table
 from cogrip.protocol.settings.room import resolve, seat_settings
 from cogrip.protocol.settings.sections import Settings
-from cogrip.results.laboratory_run import run_laboratory
+from cogrip.results.writing.laboratory_run import run_laboratory
 from cogrip.server.schemes import make_scene_world
 
 from tests.bench.targets import judge, reached

@@ -25,7 +25,7 @@ from cogrip.cli.terminal.problem import BadInput, Problem
 from cogrip.machine.stop import Stop, on_signals
 from cogrip.protocol.settings.link_profile import Link
 from cogrip.protocol.settings.sections import Settings
-from cogrip.results.folder import SETTINGS, SUMMARY, client_log, write_settings
+from cogrip.results.reading.folder import SETTINGS, SUMMARY, client_log, write_settings
 
 from tests.bench import machine
 from tests.bench.loads.process_memory import Growth, family_of, memory_kb

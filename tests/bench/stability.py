@@ -5,10 +5,10 @@ from typing import Literal
 
 import numpy as np
 
-from cogrip.analysis.boundary import trace
-from cogrip.analysis.lifted_model import LiftedModel
-from cogrip.analysis.linear_session import linear_session, scheme_overrides
-from cogrip.analysis.region import grid_axes, regions, stiffnesses
+from cogrip.analysis.linear.boundary import trace
+from cogrip.analysis.linear.lifted_model import LiftedModel
+from cogrip.analysis.linear.linear_session import linear_session, scheme_overrides
+from cogrip.analysis.linear.region import grid_axes, regions, stiffnesses
 from cogrip.cli.terminal.output import make_console
 from cogrip.cli.terminal.tables import plain_table
 from cogrip.protocol.settings.room import resolve

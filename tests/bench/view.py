@@ -34,8 +34,8 @@ from cogrip.protocol.recording.reader import open_recording
 from cogrip.protocol.secure.channel import UnencryptedChannel
 from cogrip.protocol.settings.room import resolve, seat_settings
 from cogrip.protocol.settings.sections import Settings
-from cogrip.results.folder import SERVER_RECORDING, SETTINGS, client_recording, write_settings
-from cogrip.results.records import End
+from cogrip.results.reading.folder import SERVER_RECORDING, SETTINGS, client_recording, write_settings
+from cogrip.results.reading.records import End
 
 from tests.bench import machine
 from tests.bench.children import ROOT, output_at_end, start_cogrip, start_python, wait_for_line

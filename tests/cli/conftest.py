@@ -11,7 +11,7 @@ from cogrip.cli.main import main
 from cogrip.experiments.experiment import Job, Measure, Result, run_cases
 from cogrip.experiments.worker_pool import LocalWorkers
 from cogrip.protocol.settings.room import resolve
-from cogrip.results.laboratory_run import run_laboratory
+from cogrip.results.writing.laboratory_run import run_laboratory
 
 from tests.bench.__main__ import main as run_bench
 from tests.cli.command import Cogrip

@@ -7,10 +7,10 @@ from pathlib import Path
 
 import pytest
 
-from cogrip.analysis import felt_probe as felt
-from cogrip.analysis import laboratory_check
+from cogrip.analysis.advice import laboratory_check
+from cogrip.analysis.advice.stiffest import stiffest
+from cogrip.analysis.feel import felt_probe as felt
 from cogrip.analysis.figures import decimators
-from cogrip.analysis.stiffest import stiffest
 from cogrip.cli.study import advise
 
 from tests.cli.command import Cogrip

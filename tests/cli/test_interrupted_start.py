@@ -43,7 +43,7 @@ def test_while_modules_are_imported_it_ends_the_process_and_nothing_is_said(name
 
 @pytest.mark.skipif(os.name == "nt", reason="signals of POSIX")
 def test_what_a_running_command_imports_is_interrupted_in_one_line() -> None:
-    code, said = started("cogrip.results.listing", "runs")
+    code, said = started("cogrip.results.listing.listing", "runs")
     assert (code, said) in ((130, "cogrip: interrupted\n"), (-signal.SIGINT, ""))
 
 

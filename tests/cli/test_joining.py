@@ -11,9 +11,9 @@ import msgspec
 import numpy as np
 import pytest
 
-from cogrip.analysis.advice import Advice
-from cogrip.analysis.linear_session import ModelError
-from cogrip.analysis.stability import Limit, StabilityVerdict
+from cogrip.analysis.advice.advice import Advice
+from cogrip.analysis.linear.linear_session import ModelError
+from cogrip.analysis.linear.stability import Limit, StabilityVerdict
 from cogrip.cli.session import join, join_target, joined_device
 from cogrip.cli.session.observe import Every, line, table
 from cogrip.cli.terminal.problem import BadInput

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from cogrip.results.records import open_run
+from cogrip.results.reading.records import open_run
 from cogrip.sim.laboratory import Laboratory
 
 from tests.cli.command import Cogrip

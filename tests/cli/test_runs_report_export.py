@@ -15,9 +15,9 @@ from hypothesis import strategies as st
 
 from cogrip.protocol.io.recorder import is_being_written
 from cogrip.protocol.settings.room import resolve
-from cogrip.results.laboratory_run import run_laboratory
-from cogrip.results.listing import ListedRun, list_runs
-from cogrip.results.records import open_run
+from cogrip.results.listing.listing import ListedRun, list_runs
+from cogrip.results.reading.records import open_run
+from cogrip.results.writing.laboratory_run import run_laboratory
 
 from tests.cli.command import Cogrip
 from tests.cli.spoiled_runs import damage

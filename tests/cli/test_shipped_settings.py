@@ -6,9 +6,9 @@ from pathlib import Path
 
 import pytest
 
-from cogrip.analysis.advice import advise, ample
-from cogrip.analysis.advice_change import ranked_changes
-from cogrip.analysis.linear_session import ModelError
+from cogrip.analysis.advice.advice import advise, ample
+from cogrip.analysis.advice.advice_change import ranked_changes
+from cogrip.analysis.linear.linear_session import ModelError
 from cogrip.cli.main import main
 from cogrip.cli.settings.settings_file import load
 from cogrip.cli.settings.shipped_settings import shipped, shipped_names, summary_of

@@ -10,7 +10,7 @@ from typing import Any
 import pytest
 
 from cogrip.protocol.settings.room import resolve
-from cogrip.results.laboratory_run import run_laboratory
+from cogrip.results.writing.laboratory_run import run_laboratory
 
 from tests.devices.compiled_stub import STUBS, compile_stub
 from tests.devices.forcedimension_bench import libdrd as libdrd

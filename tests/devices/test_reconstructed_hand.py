@@ -18,9 +18,9 @@ from cogrip.devices import Device, DeviceError, Sample, make
 from cogrip.devices.simulated.hands import ImpedanceSettings
 from cogrip.devices.simulated.reconstructed_hand import ReconstructedHand
 from cogrip.protocol.settings.room import resolve
-from cogrip.results.laboratory_run import run_laboratory
-from cogrip.results.records import RunRecords, open_run
+from cogrip.results.reading.records import RunRecords, open_run
 from cogrip.results.replay.what_if import what_if
+from cogrip.results.writing.laboratory_run import run_laboratory
 
 from tests.devices.held_device import RATE_HZ, hold, opened
 from tests.devices.replayed_hands import write_rows

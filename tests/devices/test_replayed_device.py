@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 from cogrip.devices import DeviceError, Sample, make
 from cogrip.devices.registry import axes_of
 from cogrip.protocol.settings.room import resolve
-from cogrip.results.laboratory_run import run_laboratory
+from cogrip.results.writing.laboratory_run import run_laboratory
 
 from tests.devices.held_device import RATE_HZ, hold, opened
 from tests.devices.replayed_hands import TICKS, Place, played, recorded, replays, write_recording

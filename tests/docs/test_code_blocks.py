@@ -66,7 +66,7 @@ TABLES = [each for each in on_pages("toml") if each[0] != "docs/worlds.md"]
 """Those of docs/worlds.md are run by test_worlds_page.py."""
 EXPECTED = {
     "docs/api.md": "", "docs/effects.md": "", "docs/measures.md": "completion_s", "docs/worlds.md": "",
-    "api/cogrip/api/__init__.py": "True", "results/cogrip/results/records.py": "0.0",
+    "api/cogrip/api/__init__.py": "True", "results/cogrip/results/reading/records.py": "0.0",
 }  # fmt: skip
 """Where there is a block -> what it prints."""
 
@@ -76,7 +76,7 @@ def prepare(name: str, folder: Path) -> None:
     if name == "docs/measures.md":
         made = cogrip.run("demo", seconds=1.0, folder=folder)
         shutil.move(made.folder, folder / "studies" / "fitts" / "runs" / "01-001-practice-1")
-    if name == "results/cogrip/results/records.py":
+    if name == "results/cogrip/results/reading/records.py":
         made = cogrip.run("demo", seconds=0.2, folder=folder)
         (folder / "runs").mkdir()
         shutil.move(made.folder, folder / "runs" / "20260101-120000-demo")

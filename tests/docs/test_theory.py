@@ -4,10 +4,10 @@ import re
 
 import pytest
 
-from cogrip.analysis.decimation_passivity import filter_of, largest_gain
-from cogrip.analysis.lifted_model import LiftedModel
-from cogrip.analysis.linear_session import linear_session, scheme_overrides
-from cogrip.analysis.stability import verdict
+from cogrip.analysis.linear.decimation_passivity import filter_of, largest_gain
+from cogrip.analysis.linear.lifted_model import LiftedModel
+from cogrip.analysis.linear.linear_session import linear_session, scheme_overrides
+from cogrip.analysis.linear.stability import verdict
 from cogrip.protocol.laws.decimation import lag_s
 from cogrip.protocol.laws.felt_stiffness import felt_stiffness, line_compliance
 from cogrip.protocol.settings.rates import Rates

@@ -8,7 +8,7 @@ import msgspec
 from cogrip.cli.main import COMMANDS
 from cogrip.protocol.settings.room import resolve
 from cogrip.protocol.settings.sections import Settings
-from cogrip.results.laboratory_run import run_laboratory
+from cogrip.results.writing.laboratory_run import run_laboratory
 
 from tests.docs.pages import page
 

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from cogrip.analysis.trace import SessionTrace
+from cogrip.analysis.feel.trace import SessionTrace
 from cogrip.experiments.methods.measures import read, state_of
 
 

@@ -10,9 +10,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from cogrip.analysis import felt_probe as felt_module
-from cogrip.analysis.felt_probe import LOAD_N, ProbedStiffness, balanced_loads, furthest_off, measure_felt
-from cogrip.analysis.trace import SessionTrace, sketch
+from cogrip.analysis.feel import felt_probe as felt_module
+from cogrip.analysis.feel.felt_probe import LOAD_N, ProbedStiffness, balanced_loads, furthest_off, measure_felt
+from cogrip.analysis.feel.trace import SessionTrace, sketch
 from cogrip.devices.registry import make
 from cogrip.experiments.experiment import Result, run_case
 from cogrip.experiments.methods.case import measure_case, run_session

@@ -19,8 +19,8 @@ from cogrip.experiments.runner import run_experiment
 from cogrip.experiments.worker_pool import LocalWorkers
 from cogrip.machine.stop import Stop
 from cogrip.protocol.settings.room import resolve
-from cogrip.results.compared_methods import ours_failed
-from cogrip.results.folder import SUMMARY
+from cogrip.results.listing.compared_methods import ours_failed
+from cogrip.results.reading.folder import SUMMARY
 
 from tests.experiments.compared_methods import TWO, InProcess, row_of, rows_of, small
 from tests.sim.session_measures import allowed

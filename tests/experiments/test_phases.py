@@ -17,7 +17,7 @@ from cogrip.experiments.study.table import read_table
 from cogrip.protocol.texts import MARK_BYTES
 from cogrip.results.measures.columns import read_columns
 from cogrip.results.measures.motion import mean_force_n, path_m
-from cogrip.results.records import open_run
+from cogrip.results.reading.records import open_run
 from cogrip.results.replay.verify import verify
 
 from tests.experiments.studies import parsed, run_in_laboratory

@@ -13,13 +13,13 @@ from cogrip.experiments.methods.query import prepare
 from cogrip.experiments.sweep.grid import parse_axis
 from cogrip.experiments.sweep.measures import SCENE, defaults
 from cogrip.experiments.sweep.query import prepare as prepare_sweep
-from cogrip.results.export import export
-from cogrip.results.laboratory_run import run_laboratory
 from cogrip.results.plots import scene as scene_plots
-from cogrip.results.records import open_run
+from cogrip.results.reading.export import export
+from cogrip.results.reading.records import open_run
+from cogrip.results.reading.traces import TracedRun, load_run
 from cogrip.results.report.page import draw_plots
-from cogrip.results.traces import TracedRun, load_run
-from cogrip.results.verdict import passive, stable
+from cogrip.results.verdict.verdict import passive, stable
+from cogrip.results.writing.laboratory_run import run_laboratory
 from cogrip.sim.laboratory import Laboratory
 
 from tests.experiments.compared_methods import rows_of

@@ -9,8 +9,8 @@ import pytest
 from matplotlib.figure import Figure
 from msgspec.structs import replace
 
-from cogrip.analysis.feel import held, impedance
-from cogrip.analysis.linear_session import linear_session
+from cogrip.analysis.feel.feel import held, impedance
+from cogrip.analysis.linear.linear_session import linear_session
 from cogrip.experiments.study.figures import axis_of, by_condition, by_seat, draw, interval
 from cogrip.experiments.study.journal import TrialLine
 from cogrip.experiments.study.plan import CATCH
@@ -18,7 +18,7 @@ from cogrip.experiments.study.spread import varied
 from cogrip.experiments.study.staircase import estimate
 from cogrip.experiments.study.table import Row, StudyTable, read_table, thresholds
 from cogrip.results.measures.registry import BY_NAME
-from cogrip.results.records import open_run
+from cogrip.results.reading.records import open_run
 
 from tests.experiments.studies import run_in_laboratory, shipped
 from tests.extent import long

@@ -23,7 +23,7 @@ from cogrip.experiments.study.study_file import StudyError
 from cogrip.experiments.study.table import StudyTable, thresholds, write_table
 from cogrip.experiments.study.trial import TrialEvent
 from cogrip.machine.platform import system
-from cogrip.results.columns import NUMBER, Column
+from cogrip.results.reading.columns import NUMBER, Column
 
 from tests.experiments.studies import PLAIN, NoSessions, conducted, parsed
 from tests.extent import every

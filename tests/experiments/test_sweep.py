@@ -25,8 +25,8 @@ from cogrip.experiments.sweep.query import MANIFEST, SweepJob, measure_case, pre
 from cogrip.experiments.worker_pool import LocalWorkers
 from cogrip.protocol.settings.room import resolve
 from cogrip.protocol.settings.sections import Settings
-from cogrip.results.laboratory_run import run_laboratory
 from cogrip.results.plots.style import NotDrawnError
+from cogrip.results.writing.laboratory_run import run_laboratory
 
 from tests.experiments.compared_methods import InProcess, rows_of
 

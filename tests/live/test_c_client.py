@@ -9,7 +9,7 @@ from pathlib import Path
 
 import pytest
 
-from cogrip.results.verdict import passive
+from cogrip.results.verdict.verdict import passive
 
 from tests.clients.compiled import CHECKED, build, has_libssl, needs_compiler
 from tests.extent import long

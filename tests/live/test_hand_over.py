@@ -11,7 +11,7 @@ import pytest
 
 from cogrip.protocol.recording.reader import Follower, RecordingError, open_recording
 from cogrip.protocol.recording.records import kind_of
-from cogrip.results.folder import client_recording
+from cogrip.results.reading.folder import client_recording
 
 from tests.live.held_arms import DEMO, until
 

@@ -9,7 +9,7 @@ import pytest
 
 from cogrip.cli.settings.settings_file import load
 from cogrip.protocol.settings.room import seat_settings
-from cogrip.results.records import open_run
+from cogrip.results.reading.records import open_run
 from cogrip.view.io.lab_outlet import LabOutlet
 from cogrip.view.lab_streams import channels, rate_hz
 

@@ -4,7 +4,7 @@ import signal
 
 from cogrip.cli.settings.settings_file import load
 from cogrip.protocol.laws.passivity_control import LENT_J
-from cogrip.results.summary import of_laboratory
+from cogrip.results.writing.summary import of_laboratory
 from cogrip.sim.laboratory import Laboratory
 
 from tests.live.test_live_sessions import DEMO, FEW_FRAMES, accounted, leaving, replayed, summary_in

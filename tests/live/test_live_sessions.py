@@ -15,8 +15,8 @@ from cogrip.machine.compiled_files import form
 from cogrip.protocol.recording.reader import Follower, RecordingError, open_recording
 from cogrip.protocol.recording.records import Step
 from cogrip.protocol.wire.messages import HELLO_BYTES, PROTOCOL_VERSION
+from cogrip.results.reading.traces import load_run
 from cogrip.results.replay.verify import ReplayVerdict, verify
-from cogrip.results.traces import load_run
 from cogrip.server.checkpoint import decode
 from cogrip.server.io import checkpoint_file
 from cogrip.server.recorder import step_topic

@@ -14,7 +14,7 @@ from websockets.sync.client import ClientConnection, connect
 from websockets.typing import Subprotocol
 
 from cogrip.experiments.study.journal import read_answers, read_trials
-from cogrip.results.records import End, RunRecords, open_run
+from cogrip.results.reading.records import End, RunRecords, open_run
 
 from tests.free_ports import free_port
 from tests.live.held_arms import LIMIT_S, Spoken

@@ -10,8 +10,8 @@ from pathlib import Path
 import cogrip.api
 from cogrip.devices.io.platform import open_pseudo_terminal
 from cogrip.protocol.recording.reader import open_recording
-from cogrip.results.folder import SERVER_RECORDING
-from cogrip.results.records import open_run
+from cogrip.results.reading.folder import SERVER_RECORDING
+from cogrip.results.reading.records import open_run
 from cogrip.results.replay.verify import verify
 
 from tests.free_ports import free_port

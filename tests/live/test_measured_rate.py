@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 
 from cogrip.protocol.settings.network_rate import RATES_HZ, RateChoice
-from cogrip.results.folder import SETTINGS
+from cogrip.results.reading.folder import SETTINGS
 
 FILE = """
 name = "box"

@@ -17,7 +17,7 @@ import pytest
 
 from cogrip.protocol.recording.reader import Follower, RecordingError, open_recording
 from cogrip.protocol.recording.records import kind_of
-from cogrip.results.folder import SERVER_RECORDING, client_recording
+from cogrip.results.reading.folder import SERVER_RECORDING, client_recording
 from cogrip.results.replay.verify import verify
 
 from tests import forked

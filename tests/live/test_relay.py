@@ -12,7 +12,7 @@ import pytest
 
 from cogrip.protocol.settings.room import resolve
 from cogrip.protocol.wire.join_link import parse_link
-from cogrip.results.records import open_run
+from cogrip.results.reading.records import open_run
 from cogrip.sim.link import Fate, fates
 
 from tests.extent import long

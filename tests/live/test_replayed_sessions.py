@@ -10,8 +10,8 @@ import numpy as np
 import pytest
 
 from cogrip.cli.main import main
-from cogrip.results.folder import CLOCKS
-from cogrip.results.records import open_run
+from cogrip.results.reading.folder import CLOCKS
+from cogrip.results.reading.records import open_run
 
 from tests.live.test_live_sessions import FEW_FRAMES, FEW_TICKS
 

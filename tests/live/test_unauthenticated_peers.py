@@ -23,7 +23,7 @@ import pytest
 from cogrip.protocol.recording.reader import RecordingError, open_recording
 from cogrip.protocol.wire.join_link import JoinLink, parse_link
 from cogrip.protocol.wire.messages import HELLO_BYTES
-from cogrip.results.records import End
+from cogrip.results.reading.records import End
 from cogrip.results.replay.verify import verify
 from cogrip.server.checkpoint import RoomCheckpoint, decode
 from cogrip.server.io import checkpoint_file

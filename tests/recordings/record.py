@@ -11,9 +11,9 @@ import tempfile
 from pathlib import Path
 
 from cogrip.protocol.settings.room import resolve
-from cogrip.results.laboratory_run import run_laboratory
-from cogrip.results.records import open_run
+from cogrip.results.reading.records import open_run
 from cogrip.results.replay.verify import verify
+from cogrip.results.writing.laboratory_run import run_laboratory
 
 HERE = Path(__file__).resolve().parent
 KEPT = (".mcap", "summary.json", "settings.json")

@@ -9,7 +9,7 @@ from typing import Any
 import pytest
 
 from cogrip.protocol.settings.room import resolve
-from cogrip.results.laboratory_run import run_laboratory
+from cogrip.results.writing.laboratory_run import run_laboratory
 
 from tests.results.reported_runs import SETTINGS, blank_pictures
 

@@ -14,8 +14,8 @@ from mcap.reader import make_reader
 from rich.console import Console
 
 from cogrip.cli.runs.summary_table import terminal_summary
+from cogrip.results.reading.traces import load_run
 from cogrip.results.report.page import render, write_report
-from cogrip.results.traces import load_run
 
 SETTINGS: dict[str, Any] = {
     "name": "short",

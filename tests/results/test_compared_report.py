@@ -16,8 +16,8 @@ from hypothesis import strategies as st
 from matplotlib.colors import to_hex
 
 from cogrip.protocol.settings.room import resolve
-from cogrip.results.common_stretch import common_stretch_s, summary_of_first
-from cogrip.results.comparison import (
+from cogrip.results.measures.common_stretch import common_stretch_s, summary_of_first
+from cogrip.results.measures.comparison import (
     MOST_RUNS,
     NOT_SET,
     ComparisonError,
@@ -28,12 +28,12 @@ from cogrip.results.comparison import (
     labels_of,
     settings_differences,
 )
-from cogrip.results.laboratory_run import run_laboratory
 from cogrip.results.plots import compared as plots
 from cogrip.results.plots.style import colour, shade
+from cogrip.results.reading.traces import Columns, EndTrace, TracedRun, load_run
 from cogrip.results.report.compared import compare, is_comparison, write_comparison
 from cogrip.results.report.page import render
-from cogrip.results.traces import Columns, EndTrace, TracedRun, load_run
+from cogrip.results.writing.laboratory_run import run_laboratory
 
 from tests.results.reported_runs import SETTINGS as TWO_SECONDS
 from tests.results.reported_runs import Page, assert_self_contained

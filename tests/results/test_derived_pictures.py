@@ -21,10 +21,10 @@ from cogrip.protocol.recording.scene_messages import turned_to
 from cogrip.protocol.session_drawing import FORCE_M_PER_N, LEAST_DRAWN_N, anchors_m
 from cogrip.protocol.settings.room import resolve
 from cogrip.protocol.settings.sections import Settings
-from cogrip.results.export import export
-from cogrip.results.laboratory_run import run_laboratory
-from cogrip.results.records import open_run
+from cogrip.results.reading.export import export
+from cogrip.results.reading.records import open_run
 from cogrip.results.replay.verify import verify
+from cogrip.results.writing.laboratory_run import run_laboratory
 from cogrip.server.recorder import server_topics, start_text, step_topic
 
 from tests.foxglove_schemas import PUBLISHED, check_schema, check_value

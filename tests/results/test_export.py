@@ -34,11 +34,11 @@ from cogrip.protocol.recording.records import (
 from cogrip.protocol.recording.schema import DESCRIPTIONS, unit_of
 from cogrip.protocol.recording.sink import encode
 from cogrip.protocol.settings.room import resolve
-from cogrip.results import export as export_module
-from cogrip.results.columns import layout_of
-from cogrip.results.export import ExportError, Format, export
-from cogrip.results.laboratory_run import run_laboratory
-from cogrip.results.records import open_run
+from cogrip.results.reading import export as export_module
+from cogrip.results.reading.columns import layout_of
+from cogrip.results.reading.export import ExportError, Format, export
+from cogrip.results.reading.records import open_run
+from cogrip.results.writing.laboratory_run import run_laboratory
 from cogrip.server.recorder import server_topics
 
 from tests.extent import long

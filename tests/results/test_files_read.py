@@ -6,7 +6,7 @@ from pathlib import Path
 import pytest
 
 from cogrip.protocol.settings.room import resolve
-from cogrip.results.laboratory_run import run_laboratory
+from cogrip.results.writing.laboratory_run import run_laboratory
 from cogrip.sim.input_files import UNREADABLE, files_read
 
 

@@ -9,11 +9,11 @@ import pytest
 from cogrip.client.coupling.spring_gate import BUDGET_J, REFILL_W, SpringGate
 from cogrip.protocol.settings.room import resolve
 from cogrip.protocol.settings.sections import Settings
-from cogrip.results.folder import client_recording
-from cogrip.results.gates import HandWork, hand_work, judge_gates, least_margin_j
-from cogrip.results.laboratory_run import run_laboratory
-from cogrip.results.records import open_run
-from cogrip.results.verdict import passive
+from cogrip.results.reading.folder import client_recording
+from cogrip.results.reading.records import open_run
+from cogrip.results.verdict.gates import HandWork, hand_work, judge_gates, least_margin_j
+from cogrip.results.verdict.verdict import passive
+from cogrip.results.writing.laboratory_run import run_laboratory
 
 
 def opposed(kind: str = "partner") -> Settings:

@@ -6,11 +6,11 @@ from typing import Any
 import pytest
 
 from cogrip.protocol.settings.room import resolve
-from cogrip.results.laboratory_run import run_laboratory
-from cogrip.results.listing import list_runs
-from cogrip.results.summary import of_laboratory
-from cogrip.results.verdict import stable, succeeded
-from cogrip.results.verdict_text import verdict
+from cogrip.results.listing.listing import list_runs
+from cogrip.results.verdict.verdict import stable, succeeded
+from cogrip.results.verdict.verdict_text import verdict
+from cogrip.results.writing.laboratory_run import run_laboratory
+from cogrip.results.writing.summary import of_laboratory
 from cogrip.sim.laboratory import Laboratory
 
 SOFT = {"stiffness_npm": 300.0, "impedance_nspm": 15.0}

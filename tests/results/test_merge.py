@@ -19,9 +19,9 @@ from cogrip.protocol.recording.records import Clock, kind_of
 from cogrip.protocol.recording.recover import recover
 from cogrip.protocol.recording.sink import encode
 from cogrip.protocol.settings.room import resolve
-from cogrip.results.laboratory_run import run_laboratory
-from cogrip.results.merge import merge
-from cogrip.results.records import End, open_run
+from cogrip.results.reading.records import End, open_run
+from cogrip.results.writing.laboratory_run import run_laboratory
+from cogrip.results.writing.merge import merge
 
 from tests.recording_files import rewrite, written
 

@@ -23,8 +23,8 @@ from cogrip.analysis.figures.feel import feel_page
 from cogrip.analysis.figures.page import FigurePage
 from cogrip.analysis.figures.paper_regions import paper_settings
 from cogrip.analysis.figures.region import region_page
-from cogrip.analysis.linear_session import linear_session
-from cogrip.analysis.region import regions
+from cogrip.analysis.linear.linear_session import linear_session
+from cogrip.analysis.linear.region import regions
 from cogrip.experiments.experiment import Result
 from cogrip.experiments.sweep.grid import Grid, parse_axis
 from cogrip.experiments.sweep.measures import LIFTED
@@ -32,7 +32,6 @@ from cogrip.experiments.sweep.picture import draw_measure
 from cogrip.protocol.recording.header import versions_here
 from cogrip.protocol.settings.room import resolve
 from cogrip.protocol.version import VERSION
-from cogrip.results.laboratory_run import run_laboratory
 from cogrip.results.plots import style
 from cogrip.results.plots.coherence import correlation
 from cogrip.results.plots.compared import compared_plots
@@ -40,9 +39,10 @@ from cogrip.results.plots.motion import forces, positions
 from cogrip.results.plots.registry import PLOTS
 from cogrip.results.plots.spectra import correlation_near, cross_densities
 from cogrip.results.plots.style import COLOURS, NotDrawnError, colour, person_style
+from cogrip.results.reading.traces import TracedRun, load_run
 from cogrip.results.report.compared import compare
 from cogrip.results.report.page import render
-from cogrip.results.traces import TracedRun, load_run
+from cogrip.results.writing.laboratory_run import run_laboratory
 
 from tests.results.reported_runs import Page as Tags
 

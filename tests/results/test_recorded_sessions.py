@@ -12,9 +12,9 @@ from cogrip.protocol.recording.derived import DERIVED
 from cogrip.protocol.recording.reader import open_recording
 from cogrip.protocol.recording.records import kind_of
 from cogrip.protocol.settings.room import resolve
-from cogrip.results.laboratory_run import run_laboratory
 from cogrip.results.replay.comparison import ReplayComparison
 from cogrip.results.replay.verify import verify
+from cogrip.results.writing.laboratory_run import run_laboratory
 
 RECORDINGS = Path(__file__).resolve().parents[1] / "recordings"
 FILES = sorted(RECORDINGS.glob("*/*.mcap"))

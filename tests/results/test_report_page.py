@@ -12,11 +12,11 @@ from cogrip.protocol.recording.reader import RecordedMessage
 from cogrip.protocol.recording.records import Tick
 from cogrip.protocol.recording.sink import encode
 from cogrip.protocol.settings.room import resolve
-from cogrip.results.folder import SERVER_RECORDING, client_recording
-from cogrip.results.laboratory_run import run_laboratory
 from cogrip.results.plots import registry
+from cogrip.results.reading.folder import SERVER_RECORDING, client_recording
 from cogrip.results.report.page import write_report
 from cogrip.results.report.tables import settings_tables
+from cogrip.results.writing.laboratory_run import run_laboratory
 
 from tests.extent import long
 from tests.recording_files import rewrite

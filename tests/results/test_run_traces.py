@@ -13,8 +13,8 @@ from cogrip.client.recorder import client_topics
 from cogrip.protocol.recording.reader import RecordingError, open_recording
 from cogrip.protocol.recording.records import Gap, Tick, kind_of
 from cogrip.protocol.recording.sink import encode
-from cogrip.results.folder import SERVER_RECORDING, client_recording, write_warnings
-from cogrip.results.traces import load_run
+from cogrip.results.reading.folder import SERVER_RECORDING, client_recording, write_warnings
+from cogrip.results.reading.traces import load_run
 
 from tests.extent import every
 from tests.recording_files import rewrite, written

@@ -12,15 +12,15 @@ import pytest
 from cogrip.machine.tick_count import Percentiles, TickCount
 from cogrip.protocol.settings.room import resolve, seat_settings
 from cogrip.protocol.wire.accounts import ClientAccount, DeviceAccount, LinkCount, SeatAccount
-from cogrip.results.folder import summary_text
-from cogrip.results.laboratory_run import run_laboratory
-from cogrip.results.listing import list_runs
+from cogrip.results.listing.listing import list_runs
+from cogrip.results.reading.folder import summary_text
+from cogrip.results.reading.summary_values import energy, number, share
+from cogrip.results.reading.traces import load_run
 from cogrip.results.report.tables import people_table
-from cogrip.results.summary import UserRecord, of_laboratory, of_room
-from cogrip.results.summary_values import energy, number, share
-from cogrip.results.traces import load_run
-from cogrip.results.verdict import judgements, succeeded
-from cogrip.results.verdict_text import MANY_LATE, verdict
+from cogrip.results.verdict.verdict import judgements, succeeded
+from cogrip.results.verdict.verdict_text import MANY_LATE, verdict
+from cogrip.results.writing.laboratory_run import run_laboratory
+from cogrip.results.writing.summary import UserRecord, of_laboratory, of_room
 from cogrip.server.seats.participants import MOST_EARLIER, Seat, SeatSession
 from cogrip.sim.laboratory import Laboratory
 

@@ -11,13 +11,13 @@ from msgspec.structs import replace
 from cogrip.cli.settings.settings_file import load
 from cogrip.protocol.settings.room import resolve
 from cogrip.protocol.wire.accounts import DeviceAccount, LinkCount, PlayoutAccount, SeatAccount
-from cogrip.results import felt_as_intended as judgement
-from cogrip.results.folder import summary_text
-from cogrip.results.laboratory_run import run_laboratory
-from cogrip.results.summary import UserRecord
-from cogrip.results.summary_values import worst_margin
-from cogrip.results.verdict import came, felt, judgements, passive, stable, succeeded
-from cogrip.results.verdict_text import verdict
+from cogrip.results.reading.folder import summary_text
+from cogrip.results.reading.summary_values import worst_margin
+from cogrip.results.verdict import felt_as_intended as judgement
+from cogrip.results.verdict.verdict import came, felt, judgements, passive, stable, succeeded
+from cogrip.results.verdict.verdict_text import verdict
+from cogrip.results.writing.laboratory_run import run_laboratory
+from cogrip.results.writing.summary import UserRecord
 
 from tests.sim.told_accounts import SEAT, person, summarised
 

@@ -14,10 +14,10 @@ from cogrip.protocol.recording.records import kind_of
 from cogrip.protocol.settings.coupling_kinds import COUPLING_KINDS
 from cogrip.protocol.settings.room import rates_of, resolve
 from cogrip.protocol.settings.sections import Settings
-from cogrip.results.folder import client_recording
-from cogrip.results.laboratory_run import run_laboratory
+from cogrip.results.reading.folder import client_recording
 from cogrip.results.replay.comparison import NOTHING
 from cogrip.results.replay.verify import ReplayVerdict, verify
+from cogrip.results.writing.laboratory_run import run_laboratory
 
 from tests.extent import every
 from tests.recording_files import rewrite

@@ -5,7 +5,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from cogrip.analysis.scene_advice import scene_findings
+from cogrip.analysis.advice.scene_advice import scene_findings
 from cogrip.cli.settings.settings_file import load
 from cogrip.cli.settings.shipped_settings import shipped_scene
 from cogrip.protocol.settings.room import resolve

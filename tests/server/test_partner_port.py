@@ -33,7 +33,7 @@ def test_an_honest_hand_is_passed_whole_and_from_where_it_began() -> None:
 
 
 def test_the_server_counts_what_it_passed_up_and_to_each() -> None:
-    """Of three, each gets half of what another gave; what the limit kept back stays in the reserve of the line up."""
+    """Three people: each gets half of what another gave; what the limit kept back stays in the reserve of the line up."""
     settings = resolve({
         "coupling": {"kind": "partner"}, "object": {"axes": 1}, "users": [{"name": "a"}, {"name": "b"}, {"name": "c"}],
     })  # fmt: skip

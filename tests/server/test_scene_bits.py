@@ -6,7 +6,7 @@ import mujoco
 import numpy as np
 import pytest
 
-from cogrip.analysis.scene_advice import scene_findings
+from cogrip.analysis.advice.scene_advice import scene_findings
 from cogrip.protocol.settings.room import resolve
 from cogrip.server.worlds.scenes.scene import SceneWorld
 from cogrip.server.worlds.scenes.scene_file import Held, make_scene

@@ -12,7 +12,7 @@ import pytest
 from scipy.spatial import ConvexHull, cKDTree
 from scipy.spatial.transform import Rotation
 
-from cogrip.analysis.scene_advice import scene_findings
+from cogrip.analysis.advice.scene_advice import scene_findings
 from cogrip.protocol.drawing import Shape
 from cogrip.protocol.settings.room import resolve
 from cogrip.protocol.wire.messages import MAX_MESSAGE_BYTES, Geom, encode

@@ -7,16 +7,16 @@ from typing import Any
 import numpy as np
 import pytest
 
-from cogrip.analysis.scene_advice import scene_findings
+from cogrip.analysis.advice.scene_advice import scene_findings
 from cogrip.cli.settings.settings_file import load
 from cogrip.cli.terminal.problem import BadInput
 from cogrip.protocol.recording.reader import RecordingError, open_recording
 from cogrip.protocol.settings.room import seat_settings
 from cogrip.protocol.settings.sections import Settings
-from cogrip.results.folder import SERVER_RECORDING
-from cogrip.results.laboratory_run import run_laboratory
+from cogrip.results.reading.folder import SERVER_RECORDING
 from cogrip.results.replay.verify import verify
-from cogrip.results.verdict_text import notes
+from cogrip.results.verdict.verdict_text import notes
+from cogrip.results.writing.laboratory_run import run_laboratory
 from cogrip.server.schemes import make_scene_world
 from cogrip.server.worlds import registry
 from cogrip.server.worlds.guarded import TooLongError

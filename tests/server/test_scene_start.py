@@ -6,17 +6,17 @@ from typing import Any
 import numpy as np
 import pytest
 
-from cogrip.analysis.scene_advice import scene_findings
+from cogrip.analysis.advice.scene_advice import scene_findings
 from cogrip.protocol.recording.reader import open_recording
 from cogrip.protocol.settings.room import resolve, seat_settings
 from cogrip.protocol.settings.sections import Settings
-from cogrip.results.columns import layout_of
-from cogrip.results.folder import SERVER_RECORDING
-from cogrip.results.laboratory_run import run_laboratory
-from cogrip.results.records import End
+from cogrip.results.reading.columns import layout_of
+from cogrip.results.reading.folder import SERVER_RECORDING
+from cogrip.results.reading.records import End
+from cogrip.results.reading.traces import trace_of
 from cogrip.results.replay.verify import verify
-from cogrip.results.traces import trace_of
-from cogrip.results.verdict_text import verdict
+from cogrip.results.verdict.verdict_text import verdict
+from cogrip.results.writing.laboratory_run import run_laboratory
 from cogrip.server.schemes import make_scene_world
 from cogrip.server.worlds.scenes.scene import SceneWorld
 from cogrip.server.worlds.scenes.scene_file import SceneAccount, account_of

@@ -10,9 +10,9 @@ import pytest
 
 from cogrip.protocol.recording.reader import RecordingError, open_recording
 from cogrip.protocol.settings.room import resolve
-from cogrip.results.folder import SERVER_RECORDING
-from cogrip.results.laboratory_run import run_laboratory
+from cogrip.results.reading.folder import SERVER_RECORDING
 from cogrip.results.replay.verify import verify
+from cogrip.results.writing.laboratory_run import run_laboratory
 from cogrip.server.worlds.scenes import scene_text
 from cogrip.server.worlds.scenes.scene_file import Held, load_scene
 from cogrip.server.worlds.scenes.scene_text import OutsideError, SceneError, read_scene

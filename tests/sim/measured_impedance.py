@@ -1,4 +1,4 @@
-"""The impedance that a session of the actual cores renders, measured: the counterpart of `cogrip.analysis.feel`.
+"""The impedance that a session of the actual cores renders, measured: the counterpart of `cogrip.analysis.feel.feel`.
 
 One user's hand swings its device as an even sine, whatever the force; after the ramps are over, velocity and force of every
 tick over whole periods, which are whole frames too, give

@@ -9,7 +9,7 @@ from cogrip.protocol.settings.room import resolve
 from cogrip.protocol.settings.sections import Playout
 from cogrip.protocol.wire.accounts import ClientAccount
 from cogrip.results.replay.verify import verify
-from cogrip.results.summary import of_laboratory
+from cogrip.results.writing.summary import of_laboratory
 from cogrip.sim.laboratory import Laboratory
 
 FRAME_MS = 1000.0 / 128  # 8 device ticks

@@ -15,8 +15,8 @@ from cogrip.protocol.settings.room import resolve
 from cogrip.protocol.settings.sections import Settings
 from cogrip.protocol.wire.handle import MOST_AT_ONCE, Handle
 from cogrip.protocol.wire.messages import Edges, Stamp, encode
-from cogrip.results.laboratory_run import run_laboratory
-from cogrip.results.records import open_run
+from cogrip.results.reading.records import open_run
+from cogrip.results.writing.laboratory_run import run_laboratory
 from cogrip.server.rate_limit import limits_for
 from cogrip.server.seats.observers import _person
 from cogrip.sim import laboratory as session_laboratory

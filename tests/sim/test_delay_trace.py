@@ -6,7 +6,7 @@ from pathlib import Path
 import pytest
 
 from cogrip.protocol.settings.room import resolve
-from cogrip.results.laboratory_run import run_laboratory
+from cogrip.results.writing.laboratory_run import run_laboratory
 from cogrip.sim.delay_trace import LOST_NS, DelayTrace, TraceError, read_trace
 from cogrip.sim.link import LinkEmulator
 

@@ -13,8 +13,8 @@ from cogrip.client.core import ClientCore
 from cogrip.protocol.settings.effects import LEAST_EVERY_S, MOST_EFFECTS, Effect
 from cogrip.protocol.settings.network_profiles import PROFILES
 from cogrip.protocol.settings.room import SettingsError, resolve
-from cogrip.results.summary import of_laboratory
-from cogrip.results.verdict import judgements
+from cogrip.results.verdict.verdict import judgements
+from cogrip.results.writing.summary import of_laboratory
 from cogrip.sim.laboratory import Laboratory
 
 from tests.extent import every

@@ -10,7 +10,7 @@ from cogrip.cli.settings.shipped_settings import shipped
 from cogrip.devices.device import GRAVITY_MPS2
 from cogrip.protocol.settings.hand import parsed
 from cogrip.protocol.settings.room import resolve
-from cogrip.results.laboratory_run import run_laboratory
+from cogrip.results.writing.laboratory_run import run_laboratory
 from cogrip.server.inputs import SetHand
 from cogrip.sim.laboratory import Laboratory
 

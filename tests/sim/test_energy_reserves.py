@@ -18,14 +18,14 @@ from cogrip.protocol.laws.passivity_control import LENT_J
 from cogrip.protocol.settings.coupling_kinds import COUPLING_KINDS
 from cogrip.protocol.settings.room import resolve
 from cogrip.protocol.settings.sections import Settings
-from cogrip.results import summary_values
-from cogrip.results.laboratory_run import run_laboratory
 from cogrip.results.plots import compared
 from cogrip.results.plots.energy import energies
-from cogrip.results.summary import of_laboratory
-from cogrip.results.summary_values import seat_sessions
-from cogrip.results.traces import TracedRun, load_run
-from cogrip.results.verdict import passive
+from cogrip.results.reading import summary_values
+from cogrip.results.reading.summary_values import seat_sessions
+from cogrip.results.reading.traces import TracedRun, load_run
+from cogrip.results.verdict.verdict import passive
+from cogrip.results.writing.laboratory_run import run_laboratory
+from cogrip.results.writing.summary import of_laboratory
 from cogrip.server.inputs import Kick
 from cogrip.sim.laboratory import Laboratory
 

@@ -11,21 +11,21 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from cogrip.analysis import client_blocks
-from cogrip.analysis.client_blocks import wave_frame
-from cogrip.analysis.delay_budget import budget, total_s
-from cogrip.analysis.feel import conditions, on_wall, reflected, slow_feel
-from cogrip.analysis.lifted_model import LiftedModel
-from cogrip.analysis.linear_session import LinearSession, linear_session, seat_session
-from cogrip.analysis.rigid_motion import Rigid
-from cogrip.analysis.stability import largest_stable, verdict
+from cogrip.analysis.advice.delay_budget import budget, total_s
+from cogrip.analysis.feel.feel import conditions, on_wall, reflected, slow_feel
+from cogrip.analysis.linear import client_blocks
+from cogrip.analysis.linear.client_blocks import wave_frame
+from cogrip.analysis.linear.lifted_model import LiftedModel
+from cogrip.analysis.linear.linear_session import LinearSession, linear_session, seat_session
+from cogrip.analysis.linear.rigid_motion import Rigid
+from cogrip.analysis.linear.stability import largest_stable, verdict
 from cogrip.client.coupling.wave_coupling import WaveCoupling
 from cogrip.client.hand.velocity import MotionObserver, largest_impedance, memory_for
 from cogrip.client.inputs import DeviceOpened
 from cogrip.devices.device import Capability
 from cogrip.devices.registry import make
 from cogrip.protocol.settings.room import resolve, seat_settings
-from cogrip.results.summary import of_laboratory
+from cogrip.results.writing.summary import of_laboratory
 from cogrip.sim.laboratory import Laboratory
 
 from tests.bench.velocity_trial.session import LOOSE, EstimatingPlant

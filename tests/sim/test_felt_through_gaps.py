@@ -6,11 +6,11 @@ from typing import Any
 
 import pytest
 
-from cogrip.analysis import felt_probe as felt
-from cogrip.analysis.felt_probe import LAST_S
+from cogrip.analysis.feel import felt_probe as felt
+from cogrip.analysis.feel.felt_probe import LAST_S
 from cogrip.protocol.settings.room import resolve
 from cogrip.protocol.settings.sections import Settings
-from cogrip.results.felt_as_intended import MOST_LENT
+from cogrip.results.verdict.felt_as_intended import MOST_LENT
 from cogrip.sim.laboratory import Laboratory
 
 from tests.extent import every, long

@@ -12,9 +12,9 @@ from cogrip.protocol.settings.digest import digest
 from cogrip.protocol.settings.sections import Settings
 from cogrip.protocol.wire import messages
 from cogrip.protocol.wire.messages import Farewell, Heartbeat
-from cogrip.results.laboratory_run import run_laboratory
-from cogrip.results.summary import of_laboratory
-from cogrip.results.verdict import stable, succeeded
+from cogrip.results.verdict.verdict import stable, succeeded
+from cogrip.results.writing.laboratory_run import run_laboratory
+from cogrip.results.writing.summary import of_laboratory
 from cogrip.server.admission import AdmissionServices
 from cogrip.server.checkpoint import CheckpointError, decode, encode
 from cogrip.server.core import ServerCore

@@ -11,10 +11,10 @@ from hypothesis import strategies as st
 from cogrip.protocol.line.concealment import held_force
 from cogrip.protocol.settings.network_profiles import PROFILES
 from cogrip.protocol.settings.room import SettingsError, resolve
-from cogrip.results.felt_as_intended import MOST_CONTROLLED
-from cogrip.results.laboratory_run import run_laboratory
 from cogrip.results.report.tables import people_table
-from cogrip.results.summary import of_laboratory
+from cogrip.results.verdict.felt_as_intended import MOST_CONTROLLED
+from cogrip.results.writing.laboratory_run import run_laboratory
+from cogrip.results.writing.summary import of_laboratory
 from cogrip.sim.laboratory import Laboratory
 
 from tests.extent import every, long

@@ -10,7 +10,7 @@ import pytest
 
 from cogrip.client.safety.force_limits import SOFT_SLOPE_NPS
 from cogrip.protocol.settings.room import resolve
-from cogrip.results.laboratory_run import run_laboratory
+from cogrip.results.writing.laboratory_run import run_laboratory
 from cogrip.sim.laboratory import Laboratory
 
 from tests.extent import long

@@ -13,8 +13,8 @@ from typing import Any
 import numpy as np
 import pytest
 
-from cogrip.results.folder import summary_text
-from cogrip.results.summary import of_laboratory
+from cogrip.results.reading.folder import summary_text
+from cogrip.results.writing.summary import of_laboratory
 
 from tests.extent import every, long
 from tests.interpreted import needs_interpreted

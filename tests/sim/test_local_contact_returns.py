@@ -10,8 +10,8 @@ from cogrip.client.coupling.contact_spring import LENT_J, MOST_SAVED_J
 from cogrip.client.coupling.local_contact import LocalCoupling
 from cogrip.client.coupling.local_poses import PoseContact
 from cogrip.client.inputs import DeviceFailed, Rearm
-from cogrip.results.summary import of_laboratory
-from cogrip.results.verdict import felt
+from cogrip.results.verdict.verdict import felt
+from cogrip.results.writing.summary import of_laboratory
 from cogrip.sim.laboratory import Laboratory
 
 from tests.extent import long

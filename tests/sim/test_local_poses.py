@@ -18,11 +18,11 @@ from cogrip.protocol.settings.network_profiles import PROFILES
 from cogrip.protocol.settings.room import resolve
 from cogrip.protocol.settings.sections import Settings
 from cogrip.protocol.wire.messages import Geom, Waves, decode
-from cogrip.results.folder import SERVER_RECORDING
-from cogrip.results.laboratory_run import run_laboratory
+from cogrip.results.reading.folder import SERVER_RECORDING
 from cogrip.results.replay.verify import verify
-from cogrip.results.summary import of_laboratory
-from cogrip.results.verdict import passive
+from cogrip.results.verdict.verdict import passive
+from cogrip.results.writing.laboratory_run import run_laboratory
+from cogrip.results.writing.summary import of_laboratory
 from cogrip.server.room import Room
 from cogrip.server.worlds.scenes.local_scene import LocalSceneWorld
 from cogrip.sim.laboratory import Laboratory

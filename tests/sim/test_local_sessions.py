@@ -11,8 +11,8 @@ from cogrip.cli.settings.shipped_settings import shipped, shipped_scene
 from cogrip.protocol.settings.network_profiles import PROFILES
 from cogrip.protocol.settings.room import resolve
 from cogrip.protocol.settings.sections import Settings
-from cogrip.results.summary import of_laboratory
-from cogrip.results.verdict import passive
+from cogrip.results.verdict.verdict import passive
+from cogrip.results.writing.summary import of_laboratory
 from cogrip.sim.laboratory import Laboratory
 
 from tests.extent import every, long

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from cogrip.cli.settings.settings_file import load
 from cogrip.protocol.settings.room import resolve, seat_settings
 from cogrip.protocol.wire.messages import MAX_MESSAGE_BYTES, VIEWED_SEATS, Stamp, View, encode
-from cogrip.results.summary import of_laboratory
+from cogrip.results.writing.summary import of_laboratory
 from cogrip.server.schemes import make_world
 from cogrip.server.worlds.world import World
 from cogrip.sim.laboratory import Laboratory

@@ -15,9 +15,9 @@ from cogrip.protocol.settings.room import resolve
 from cogrip.protocol.settings.task import EVERYBODY
 from cogrip.protocol.wire.messages import MARK_BYTES, encode
 from cogrip.protocol.wire.messages import Mark as MarkMessage
-from cogrip.results import laboratory_run
-from cogrip.results.laboratory_run import run_laboratory
-from cogrip.results.records import open_run
+from cogrip.results.reading.records import open_run
+from cogrip.results.writing import laboratory_run
+from cogrip.results.writing.laboratory_run import run_laboratory
 from cogrip.server import inputs
 from cogrip.server.seats.markers import BURST, MOST_TOLD, TOLD_S, RoomMarkers
 from cogrip.sim.laboratory import Laboratory

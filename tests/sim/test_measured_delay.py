@@ -14,7 +14,7 @@ from cogrip.protocol.settings.link_profile import LinkProfile
 from cogrip.protocol.settings.rates import Rates
 from cogrip.protocol.settings.sections import Playout
 from cogrip.results.report.tables import people_table
-from cogrip.results.summary import of_laboratory
+from cogrip.results.writing.summary import of_laboratory
 from cogrip.sim.laboratory import Laboratory, LaboratoryPerson
 from cogrip.sim.link import LinkEmulator
 

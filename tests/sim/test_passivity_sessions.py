@@ -6,11 +6,11 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from cogrip.analysis.linear_session import ModelError, linear_session
+from cogrip.analysis.linear.linear_session import ModelError, linear_session
 from cogrip.protocol.laws.passivity_control import LENT_J
 from cogrip.protocol.settings.coupling_kinds import UNLENT_MJ
 from cogrip.protocol.settings.room import SettingsError, resolve, seat_settings
-from cogrip.results.summary import of_laboratory
+from cogrip.results.writing.summary import of_laboratory
 from cogrip.sim.laboratory import Laboratory
 
 from tests.extent import every

@@ -5,10 +5,10 @@ from typing import Any
 
 import pytest
 
-from cogrip.analysis.scene_advice import scene_findings
+from cogrip.analysis.advice.scene_advice import scene_findings
 from cogrip.protocol.settings.room import resolve
-from cogrip.results.laboratory_run import run_laboratory
-from cogrip.results.verdict import felt
+from cogrip.results.verdict.verdict import felt
+from cogrip.results.writing.laboratory_run import run_laboratory
 
 SCENE = """
 <mujoco>

@@ -5,8 +5,8 @@ from pathlib import Path
 
 import pytest
 
-from cogrip.analysis.scene_advice import scene_findings
-from cogrip.analysis.scene_pushed import pushed
+from cogrip.analysis.advice.scene_advice import scene_findings
+from cogrip.analysis.advice.scene_pushed import pushed
 from cogrip.cli.settings.before_run import check_settings
 from cogrip.cli.terminal.problem import BadInput
 from cogrip.protocol.settings.room import resolve

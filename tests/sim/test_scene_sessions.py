@@ -8,11 +8,11 @@ from numpy.typing import NDArray
 
 from cogrip.cli.settings.settings_file import load
 from cogrip.protocol.recording.reader import RecordingError, open_recording
-from cogrip.results.folder import SERVER_RECORDING
-from cogrip.results.laboratory_run import run_laboratory
+from cogrip.results.reading.folder import SERVER_RECORDING
 from cogrip.results.replay.verify import verify
-from cogrip.results.summary import of_laboratory
-from cogrip.results.verdict import succeeded
+from cogrip.results.verdict.verdict import succeeded
+from cogrip.results.writing.laboratory_run import run_laboratory
+from cogrip.results.writing.summary import of_laboratory
 from cogrip.server.worlds.scenes.scene import SceneWorld
 from cogrip.sim.laboratory import Laboratory
 

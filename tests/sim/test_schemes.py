@@ -7,9 +7,9 @@ from typing import get_args
 import numpy as np
 import pytest
 
-from cogrip.analysis.advice import INSTEAD, TOO_MUCH
-from cogrip.analysis.lifted_model import KINDS as BLOCKS
-from cogrip.analysis.linear_session import FORMS, Scheme, linear_session, scheme_of, scheme_overrides
+from cogrip.analysis.advice.advice import INSTEAD, TOO_MUCH
+from cogrip.analysis.linear.lifted_model import KINDS as BLOCKS
+from cogrip.analysis.linear.linear_session import FORMS, Scheme, linear_session, scheme_of, scheme_overrides
 from cogrip.cli.settings.shipped_settings import shipped_scene
 from cogrip.client.coupling import schemes as client_schemes
 from cogrip.experiments.methods.method import METHODS

@@ -10,9 +10,9 @@ from typing import Any
 import numpy as np
 import pytest
 
-from cogrip.analysis.lifted_model import LiftedModel
-from cogrip.analysis.linear_session import linear_session, scheme_overrides
-from cogrip.analysis.stability import largest_stable, verdict
+from cogrip.analysis.linear.lifted_model import LiftedModel
+from cogrip.analysis.linear.linear_session import linear_session, scheme_overrides
+from cogrip.analysis.linear.stability import largest_stable, verdict
 from cogrip.protocol.settings.room import resolve
 from cogrip.protocol.settings.sections import Settings
 from cogrip.sim.laboratory import Laboratory

@@ -8,8 +8,8 @@ from typing import Any
 import numpy as np
 import pytest
 
-from cogrip.analysis.feel import alone, held, impedance, no_contact, on_wall, slow_feel
-from cogrip.analysis.linear_session import LinearSession, linear_session, scheme_overrides
+from cogrip.analysis.feel.feel import alone, held, impedance, no_contact, on_wall, slow_feel
+from cogrip.analysis.linear.linear_session import LinearSession, linear_session, scheme_overrides
 from cogrip.protocol.settings.room import resolve
 from cogrip.protocol.settings.sections import Settings
 

@@ -17,9 +17,9 @@ from cogrip.protocol.settings.room import resolve
 from cogrip.protocol.wire.accounts import ClientAccount
 from cogrip.protocol.wire.messages import SetHand as Message
 from cogrip.protocol.wire.messages import encode
-from cogrip.results.laboratory_run import run_laboratory
-from cogrip.results.records import open_run
+from cogrip.results.reading.records import open_run
 from cogrip.results.replay.verify import verify
+from cogrip.results.writing.laboratory_run import run_laboratory
 from cogrip.server.checkpoint import decode as decode_checkpoint
 from cogrip.server.checkpoint import encode as encode_checkpoint
 from cogrip.server.inputs import SetHand

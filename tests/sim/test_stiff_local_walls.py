@@ -4,11 +4,11 @@ from typing import Any
 
 import pytest
 
-from cogrip.analysis.advice import AMPLE, advise
+from cogrip.analysis.advice.advice import AMPLE, advise
 from cogrip.protocol.settings.room import resolve
 from cogrip.protocol.settings.sections import Settings
-from cogrip.results.summary import of_laboratory
-from cogrip.results.verdict import passive, stable
+from cogrip.results.verdict.verdict import passive, stable
+from cogrip.results.writing.summary import of_laboratory
 from cogrip.sim.laboratory import Laboratory
 
 

@@ -18,9 +18,9 @@ from cogrip.protocol.settings.coupling import LineTuning
 from cogrip.protocol.settings.line_tuning import Tuning, tuning
 from cogrip.protocol.settings.network_profiles import PROFILES
 from cogrip.protocol.settings.room import resolve
-from cogrip.results.laboratory_run import run_laboratory
 from cogrip.results.replay.verify import verify
-from cogrip.results.summary import of_laboratory
+from cogrip.results.writing.laboratory_run import run_laboratory
+from cogrip.results.writing.summary import of_laboratory
 from cogrip.sim.laboratory import Laboratory
 
 from tests.extent import every, long

@@ -11,20 +11,20 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from cogrip.analysis.feel import held, impedance
-from cogrip.analysis.lifted_model import LiftedModel
-from cogrip.analysis.linear_session import linear_session
-from cogrip.analysis.stability import verdict
+from cogrip.analysis.feel.feel import held, impedance
+from cogrip.analysis.linear.lifted_model import LiftedModel
+from cogrip.analysis.linear.linear_session import linear_session
+from cogrip.analysis.linear.stability import verdict
 from cogrip.protocol.laws.felt_stiffness import felt_stiffness, line_compliance
 from cogrip.protocol.recording.reader import open_recording
 from cogrip.protocol.settings.digest import digest
 from cogrip.protocol.settings.rates import due_ns
 from cogrip.protocol.settings.room import resolve, seat_settings
-from cogrip.results.laboratory_run import run_laboratory
-from cogrip.results.records import open_run
+from cogrip.results.reading.records import open_run
 from cogrip.results.replay.verify import verify
 from cogrip.results.replay.what_if import what_if
-from cogrip.results.summary import of_laboratory
+from cogrip.results.writing.laboratory_run import run_laboratory
+from cogrip.results.writing.summary import of_laboratory
 from cogrip.sim.laboratory import Laboratory, moments_of
 
 from tests.extent import long

@@ -11,7 +11,7 @@ import pytest
 from cogrip.devices.web.hand import RELEASE_S, SILENCE_S
 from cogrip.devices.web.web_device import WebDevice
 from cogrip.protocol.settings.room import resolve
-from cogrip.results.summary import of_laboratory
+from cogrip.results.writing.summary import of_laboratory
 from cogrip.sim.laboratory import Laboratory
 
 from tests.extent import every

@@ -13,7 +13,7 @@ from cogrip.protocol.wire.accounts import (
     RoomAccount,
     SeatAccount,
 )
-from cogrip.results.summary import UserRecord, summarise
+from cogrip.results.writing.summary import UserRecord, summarise
 
 CLIENT = ClientAccount(
     position_m=(0.0,), force_n=(1.0,), peak_force_n=2.0, travel_m=0.1, felt_stiffness_npm=None, predicted_stiffness_npm=363.0,

@@ -4,7 +4,7 @@ from pathlib import Path
 from typing import Any
 
 from cogrip.protocol.settings.room import resolve
-from cogrip.results.laboratory_run import run_laboratory
+from cogrip.results.writing.laboratory_run import run_laboratory
 
 PEOPLE = (
     {"name": "anna", "hand": "reach&direction=1,0.5,-0.3"},

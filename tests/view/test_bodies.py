@@ -16,9 +16,9 @@ from cogrip.devices.web.messages import FrameError
 from cogrip.protocol.drawing import TILE, Shape, pack_points, pack_triangles
 from cogrip.protocol.recording.reader import RecordedMessage
 from cogrip.protocol.wire.messages import Pose, View
-from cogrip.results.laboratory_run import run_laboratory
-from cogrip.results.records import open_run
+from cogrip.results.reading.records import open_run
 from cogrip.results.replay.verify import verify
+from cogrip.results.writing.laboratory_run import run_laboratory
 from cogrip.view.frames import BODY_BYTES, decode, decode_chunk, encode, encode_chunk
 from cogrip.view.page import self_contained
 from cogrip.view.recording import ViewError, open_view

@@ -13,8 +13,8 @@ from cogrip.cli.settings.settings_file import load
 from cogrip.protocol.drawing import Shape, pack_points, pack_triangles
 from cogrip.protocol.recording.records import kind_of
 from cogrip.protocol.recording.scene_messages import SCHEMAS
-from cogrip.results.laboratory_run import run_laboratory
-from cogrip.results.records import open_run
+from cogrip.results.reading.records import open_run
+from cogrip.results.writing.laboratory_run import run_laboratory
 from cogrip.view import pictures
 
 from tests.foxglove_schemas import PUBLISHED, check_schema, check_value

@@ -15,8 +15,8 @@ from cogrip.protocol.recording.records import Datagram
 from cogrip.protocol.settings.room import resolve
 from cogrip.protocol.wire.messages import MAX_MESSAGE_BYTES, Person, View, decode
 from cogrip.protocol.wire.session import ClientSession, make_hello
-from cogrip.results.laboratory_run import run_laboratory
 from cogrip.results.report.page import write_report
+from cogrip.results.writing.laboratory_run import run_laboratory
 from cogrip.server.recorder import DATAGRAM_OUT
 from cogrip.server.seats.observers import PEOPLE_A_VIEW, VIEWS_HZ
 from cogrip.sim.laboratory import Laboratory

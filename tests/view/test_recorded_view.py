@@ -15,7 +15,7 @@ from cogrip.protocol.recording.reader import RecordedMessage
 from cogrip.protocol.recording.records import Event, Step
 from cogrip.protocol.recording.sink import encode
 from cogrip.protocol.settings.room import resolve
-from cogrip.results.records import open_run
+from cogrip.results.reading.records import open_run
 from cogrip.server.recorder import server_topics, start_text
 from cogrip.view.frames import HAND_KNOWN, SceneFrame, decode_chunk
 from cogrip.view.recorded_events import client_event, server_event

@@ -20,7 +20,7 @@ from cogrip.machine.stop import Stop
 from cogrip.protocol.settings.seat import SeatSettings
 from cogrip.protocol.wire.accounts import ClientAccount
 from cogrip.protocol.wire.session import ClientSession
-from cogrip.results.folder import client_recording
+from cogrip.results.reading.folder import client_recording
 from cogrip.sim.link import LinkEmulator
 
 Move = Callable[[float, tuple[float, ...]], Sequence[float]]

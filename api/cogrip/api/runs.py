@@ -15,13 +15,13 @@ from cogrip.api.errors import as_api_error
 from cogrip.api.settings import Source, settings
 from cogrip.cli.runs.run_folder import new_run_folder
 from cogrip.protocol.settings.sections import Settings
-from cogrip.results.columns import Array
-from cogrip.results.folder import SETTINGS, SUMMARY
-from cogrip.results.laboratory_run import run_laboratory
-from cogrip.results.records import RunRecords
-from cogrip.results.records import open_run as open_records
+from cogrip.results.reading.columns import Array
+from cogrip.results.reading.folder import SETTINGS, SUMMARY
+from cogrip.results.reading.records import RunRecords
+from cogrip.results.reading.records import open_run as open_records
 from cogrip.results.report.page import write_report
-from cogrip.results.verdict import succeeded
+from cogrip.results.verdict.verdict import succeeded
+from cogrip.results.writing.laboratory_run import run_laboratory
 from cogrip.server.recorder import WHO, step_topic
 from cogrip.sim.laboratory import Laboratory
 

@@ -23,7 +23,7 @@ from cogrip.client.observer_loop import LiveObserver
 from cogrip.devices.device import Device
 from cogrip.machine.stop import Stop
 from cogrip.protocol.wire.session import ClientSession
-from cogrip.results.folder import SETTINGS, client_log, write_settings
+from cogrip.results.reading.folder import SETTINGS, client_log, write_settings
 
 SERVER = "server"
 WAIT_S = 0.02

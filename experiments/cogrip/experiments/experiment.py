@@ -6,7 +6,7 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, NamedTuple, Protocol
 
-from cogrip.results.folder import finite
+from cogrip.results.reading.folder import finite
 
 
 class ExperimentKind(NamedTuple):

@@ -10,15 +10,15 @@ from typing import Any
 
 import numpy as np
 
-from cogrip.analysis.lifted_model import LiftedModel
-from cogrip.analysis.linear_session import linear_session
-from cogrip.analysis.stability import verdict
-from cogrip.analysis.trace import TraceRecorder
+from cogrip.analysis.feel.trace import TraceRecorder
+from cogrip.analysis.linear.lifted_model import LiftedModel
+from cogrip.analysis.linear.linear_session import linear_session
+from cogrip.analysis.linear.stability import verdict
 from cogrip.experiments.methods.hand import let_rest
 from cogrip.experiments.methods.measures import at_rest, created_j, furthest, largest
 from cogrip.protocol.settings.sections import Settings
-from cogrip.results.summary import of_laboratory
-from cogrip.results.summary_values import people, worst_margin
+from cogrip.results.reading.summary_values import people, worst_margin
+from cogrip.results.writing.summary import of_laboratory
 from cogrip.sim.laboratory import Laboratory
 
 from tests.bench.impaired_network.room import CLEAN, impaired, loose, settled

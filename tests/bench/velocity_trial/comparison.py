@@ -11,7 +11,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from cogrip.analysis.state_space import Array
+from cogrip.analysis.linear.state_space import Array
 from cogrip.client.hand.velocity import WANTED_NSPM, MotionObserver, memory_for
 from cogrip.devices.arm.models import MODELS
 from cogrip.devices.device import Capability

@@ -18,7 +18,7 @@ import numpy as np
 from scipy.interpolate import CubicSpline, PchipInterpolator  # type: ignore[import-untyped]
 from scipy.signal import butter, sosfiltfilt  # type: ignore[import-untyped]
 
-from cogrip.analysis.state_space import Array
+from cogrip.analysis.linear.state_space import Array
 
 CUT_HZ = 50.0
 LEVER_M = 0.075  # of the TU Eindhoven pair: tip over angle

@@ -24,7 +24,7 @@ from cogrip.protocol.recording.reader import (
     RecordedMessage,
     RecordingError,
 )
-from cogrip.results.records import End
+from cogrip.results.reading.records import End
 
 _FRAME = Struct("<BQ")
 _TIMES = Struct("<QQ")

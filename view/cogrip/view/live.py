@@ -17,7 +17,7 @@ from cogrip.protocol.settings.seat import SeatSettings
 from cogrip.protocol.texts import shown
 from cogrip.protocol.wire.button_edges import bits_of, edge_words
 from cogrip.protocol.wire.messages import Person, Pose, View
-from cogrip.results.verdict import least_margin
+from cogrip.results.verdict.verdict import least_margin
 from cogrip.view import frames
 from cogrip.view.frames import PersonFrame, SceneFrame
 from cogrip.view.scene import (

@@ -29,9 +29,9 @@ from cogrip.protocol.settings.effects import drawn_effect
 from cogrip.protocol.settings.sections import Settings
 from cogrip.protocol.texts import shown
 from cogrip.protocol.wire.messages import Pose
-from cogrip.results.folder import SETTINGS
-from cogrip.results.records import open_run
-from cogrip.results.verdict import least_margin
+from cogrip.results.reading.folder import SETTINGS
+from cogrip.results.reading.records import open_run
+from cogrip.results.verdict.verdict import least_margin
 from cogrip.server.recorder import scene_topics, step_topic
 from cogrip.view import frames
 from cogrip.view.file_index import FileIndex

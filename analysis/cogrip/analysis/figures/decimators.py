@@ -7,7 +7,8 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from cogrip.analysis.decimation_passivity import (
+from cogrip.analysis.figures.page import FigurePage, FigureTable
+from cogrip.analysis.linear.decimation_passivity import (
     Filter,
     aliased_gain,
     filter_of,
@@ -16,7 +17,6 @@ from cogrip.analysis.decimation_passivity import (
     swept_sine,
     worst_input,
 )
-from cogrip.analysis.figures.page import FigurePage, FigureTable
 from cogrip.protocol.laws.decimation import make_decimator
 from cogrip.protocol.settings.rates import Rates
 from cogrip.results.plots.style import ALARM, DOTTED, LINES, Sheet, colour

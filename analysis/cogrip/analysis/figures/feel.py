@@ -6,9 +6,9 @@ from typing import Any
 
 import numpy as np
 
-from cogrip.analysis.feel import Condition, conditions, device_impedance, frequencies_hz
+from cogrip.analysis.feel.feel import Condition, conditions, device_impedance, frequencies_hz
 from cogrip.analysis.figures.page import FigurePage, FigureTable
-from cogrip.analysis.linear_session import LinearSession
+from cogrip.analysis.linear.linear_session import LinearSession
 from cogrip.results.plots.style import ALARM, DASHED, DOTTED, FAINT, INK, Sheet, colour, label, title
 
 _GIVES = {"facecolor": ALARM, "alpha": 0.1, "lw": 0}

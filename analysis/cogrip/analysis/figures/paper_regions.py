@@ -13,10 +13,10 @@ from matplotlib.axes import Axes
 
 from cogrip.analysis.figures.page import FigurePage, FigureTable
 from cogrip.analysis.figures.region import COLUMNS, SCHEME_NAMES, draw_regions, frames, line_style, region_rows
-from cogrip.analysis.lifted_model import LiftedModel
-from cogrip.analysis.linear_session import LinearPerson, LinearSession, Scheme, linear_session, scheme_overrides
-from cogrip.analysis.region import Region, regions, traced
-from cogrip.analysis.stability import largest_stable
+from cogrip.analysis.linear.lifted_model import LiftedModel
+from cogrip.analysis.linear.linear_session import LinearPerson, LinearSession, Scheme, linear_session, scheme_overrides
+from cogrip.analysis.linear.region import Region, regions, traced
+from cogrip.analysis.linear.stability import largest_stable
 from cogrip.protocol.settings.room import resolve
 from cogrip.protocol.settings.sections import Settings
 from cogrip.results.plots.style import INK, Sheet, title

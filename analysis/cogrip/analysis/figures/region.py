@@ -10,9 +10,9 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.patches import Polygon
 
-from cogrip.analysis.boundary import Boundary
 from cogrip.analysis.figures.page import FigurePage, FigureTable
-from cogrip.analysis.region import Region, grid_axes
+from cogrip.analysis.linear.boundary import Boundary
+from cogrip.analysis.linear.region import Region, grid_axes
 from cogrip.protocol.settings.sections import Settings
 from cogrip.results.plots.style import INK, LINES, Legend, Sheet, Style, colour, label, title
 

@@ -9,10 +9,10 @@ from typing import Any
 
 import numpy as np
 
-from cogrip.analysis.feel import on_wall, slow_feel
+from cogrip.analysis.feel.feel import on_wall, slow_feel
 from cogrip.analysis.figures.page import FigurePage, FigureTable
-from cogrip.analysis.linear_session import linear_session, scheme_overrides
-from cogrip.analysis.state_space import Array
+from cogrip.analysis.linear.linear_session import linear_session, scheme_overrides
+from cogrip.analysis.linear.state_space import Array
 from cogrip.protocol.settings.room import resolve
 from cogrip.protocol.settings.sections import Settings
 from cogrip.protocol.settings.table import SettingsError

@@ -8,9 +8,9 @@ from cogrip.cli.terminal.parameters import RunsBelow
 from cogrip.cli.terminal.problem import BadInput, Problem
 from cogrip.protocol.io.recorder import is_being_written
 from cogrip.protocol.recording.folder import recordings_of
-from cogrip.results.export import ExportError, Format
-from cogrip.results.export import export as export_run
-from cogrip.results.traces import losses
+from cogrip.results.reading.export import ExportError, Format
+from cogrip.results.reading.export import export as export_run
+from cogrip.results.reading.traces import losses
 
 
 def export(

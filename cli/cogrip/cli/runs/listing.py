@@ -15,8 +15,8 @@ from cogrip.cli.terminal.tables import padded, shortened
 from cogrip.machine.addition import add_integers
 from cogrip.protocol.io.recorder import is_being_written
 from cogrip.protocol.texts import shown
-from cogrip.results.judgement import Tone
-from cogrip.results.listing import ListedRun, list_runs
+from cogrip.results.listing.listing import ListedRun, list_runs
+from cogrip.results.verdict.judgement import Tone
 
 _TONES: dict[Tone, tuple[str, str]] = {"good": ("✓", "green"), "warn": ("!", "yellow"), "bad": ("✗", "red")}
 _HEADINGS = ("run", "age", "kind", "people", "verdict", "length", "size")

@@ -7,7 +7,7 @@ from cogrip.cli.terminal.output import make_console
 from cogrip.cli.terminal.parameters import RunsBelow
 from cogrip.cli.terminal.problem import BadInput
 from cogrip.protocol.recording.reader import RecordingError
-from cogrip.results.merge import merge as merge_recordings
+from cogrip.results.writing.merge import merge as merge_recordings
 
 
 def merge(*folders: Path, out: Path, runs: RunsBelow = RUNS) -> int:

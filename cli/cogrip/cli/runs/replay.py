@@ -24,14 +24,14 @@ from cogrip.protocol.recording.header import versions_here
 from cogrip.protocol.recording.reader import Recording, RecordingError
 from cogrip.protocol.recording.records import Gap
 from cogrip.protocol.settings.table import SettingsError
-from cogrip.results.comparison import ComparisonError
-from cogrip.results.records import RunRecords
+from cogrip.results.measures.comparison import ComparisonError
+from cogrip.results.reading.records import RunRecords
+from cogrip.results.reading.traces import describe
 from cogrip.results.replay.verify import ReplayVerdict
 from cogrip.results.replay.verify import verify as verify_recording
 from cogrip.results.replay.what_if import Hands, folder_name, label
 from cogrip.results.replay.what_if import what_if as other_world
-from cogrip.results.traces import describe
-from cogrip.results.verdict import succeeded
+from cogrip.results.verdict.verdict import succeeded
 
 UNCHANGED = "unchanged, in the laboratory"
 WORTH_WORKERS_BYTES = 8_000_000
@@ -164,9 +164,9 @@ def _what_if(
         try_session(world.settings, "")
         if name == next(reversed(worlds)):  # the recorded settings may be run again: only the changed ones are refused
             check_settings(world.settings, allow_unstable or not changes, world.overloads)
-    from cogrip.results.laboratory_run import run_laboratory
     from cogrip.results.report.compared import write_comparison
     from cogrip.results.report.page import write_report
+    from cogrip.results.writing.laboratory_run import run_laboratory
 
     folder = new_run_folder(runs, folder_name(records))
     folders = {name: folder / place for name, (_, place) in worlds.items()}

@@ -12,10 +12,10 @@ from rich.console import Console
 from cogrip.cli.terminal.output import make_console
 from cogrip.cli.terminal.problem import BadInput
 from cogrip.protocol.recording.reader import RecordingError
-from cogrip.results.folder import make_run_folder, write_summary
+from cogrip.results.reading.folder import make_run_folder, write_summary
 
 if TYPE_CHECKING:
-    from cogrip.results.records import RunRecords
+    from cogrip.results.reading.records import RunRecords
 
 RUNS = Path("runs")  # folder where commands leave runs, and look for their names
 
@@ -59,7 +59,7 @@ def nowhere(name: str, runs: Path) -> str:
 def opened(run: Path, runs: Path) -> "RunRecords":
     """Return the recordings of a `found_run`, those that were cut short recovered first. Raises BadInput."""
     from cogrip.cli.runs.recovered import recover_unclosed  # readers of recordings, which no live session needs
-    from cogrip.results.records import open_run
+    from cogrip.results.reading.records import open_run
 
     path = found_run(run, runs)
     with BadInput.of_files(path, RecordingError):

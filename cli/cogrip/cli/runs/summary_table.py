@@ -13,7 +13,7 @@ from rich.text import Text
 from cogrip.cli.terminal.tables import Fitted, marked, plain_table, shortened
 from cogrip.protocol.axes import PLACES
 from cogrip.protocol.texts import shown
-from cogrip.results.summary_values import (
+from cogrip.results.reading.summary_values import (
     ROUNDING_J,
     UNKNOWN,
     Summary,
@@ -31,7 +31,7 @@ from cogrip.results.summary_values import (
     vector,
     worst_margin,
 )  # fmt: skip
-from cogrip.results.verdict_text import verdict
+from cogrip.results.verdict.verdict_text import verdict
 
 _TONES = {"good": ("✓", "green"), "warn": ("!", "yellow"), "bad": ("✗", "red")}
 _STATES = {"fault": "red", "degraded": "yellow"}

@@ -23,7 +23,7 @@ from cogrip.machine.platform import system
 from cogrip.machine.stop import Stop
 from cogrip.protocol.secure.channel import place_text
 from cogrip.protocol.version import VERSION
-from cogrip.results.folder import SERVER_RECORDING
+from cogrip.results.reading.folder import SERVER_RECORDING
 from cogrip.server.events import ServerEvent
 from cogrip.server.hosting.cluster.guard import Guard
 from cogrip.server.hosting.cluster.room_checkpoints import RoomCheckpoints

@@ -28,7 +28,7 @@ from cogrip.machine.platform import system
 from cogrip.machine.stop import Stop, on_signals
 from cogrip.protocol.settings.object_kinds import kind_of
 from cogrip.protocol.settings.sections import Settings
-from cogrip.results.folder import (
+from cogrip.results.reading.folder import (
     SETTINGS,
     SUMMARY,
     client_log,
@@ -37,11 +37,11 @@ from cogrip.results.folder import (
     write_settings,
     write_summary,
 )
-from cogrip.results.gates import judge_gates
+from cogrip.results.reading.summary_values import task_of
 from cogrip.results.report.page import write_report
-from cogrip.results.summary import of_accounts
-from cogrip.results.summary_values import task_of
-from cogrip.results.verdict import succeeded
+from cogrip.results.verdict.gates import judge_gates
+from cogrip.results.verdict.verdict import succeeded
+from cogrip.results.writing.summary import of_accounts
 
 MOVED_M = 0.005  # least travel of an object that counts as moved
 WATCH_EVERY_S = 0.1

@@ -46,9 +46,9 @@ from cogrip.protocol.settings.digest import digest
 from cogrip.protocol.settings.seat import SeatSettings
 from cogrip.protocol.settings.sections import Settings
 from cogrip.protocol.wire.session import IN_ORDER, SECONDS_OVER, ClientSession
-from cogrip.results.folder import client_recording, write_account, write_warnings
-from cogrip.results.summary import of_client
-from cogrip.results.verdict import succeeded, why_not
+from cogrip.results.reading.folder import client_recording, write_account, write_warnings
+from cogrip.results.verdict.verdict import succeeded, why_not
+from cogrip.results.writing.summary import of_client
 from cogrip.sim.link import LinkEmulator
 
 LACKING = ("recording stopped",)  # counts of what a recording lacks that are its disk's fault

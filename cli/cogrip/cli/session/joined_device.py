@@ -2,8 +2,8 @@
 
 from collections.abc import Callable
 
-from cogrip.analysis.advice import advise_seat, unbounded
-from cogrip.analysis.plausible import hand_findings
+from cogrip.analysis.advice.advice import advise_seat, unbounded
+from cogrip.analysis.advice.plausible import hand_findings
 from cogrip.cli.settings.before_run import ALLOW, HELD_BY_NOBODY, refuse_implausible
 from cogrip.cli.terminal.problem import BadInput
 from cogrip.client.seat import rendered_damper

@@ -13,9 +13,9 @@ from cogrip.cli.settings.settings_file import load, refuse_real, try_hands, with
 from cogrip.cli.terminal.output import Json, make_console, write_text
 from cogrip.cli.terminal.parameters import Config, Devices, Hands, Overrides, Runs
 from cogrip.machine.stop import Stop, on_signals
-from cogrip.results.folder import summary_text, write_warnings
-from cogrip.results.laboratory_run import run_laboratory
-from cogrip.results.verdict import succeeded
+from cogrip.results.reading.folder import summary_text, write_warnings
+from cogrip.results.verdict.verdict import succeeded
+from cogrip.results.writing.laboratory_run import run_laboratory
 
 
 def lab(

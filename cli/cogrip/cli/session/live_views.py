@@ -22,7 +22,7 @@ from cogrip.cli.terminal.tables import Fitted, clock, plain_table, shortened
 from cogrip.machine.addition import add_integers
 from cogrip.protocol.recording.reader import Follower, RecordedMessage, RecordingError
 from cogrip.protocol.recording.records import Record, Row, SeatStep, Step, Tick
-from cogrip.results.folder import SERVER_RECORDING, client_recording
+from cogrip.results.reading.folder import SERVER_RECORDING, client_recording
 from cogrip.server.io.control import ControlError, WhoOrder, ask
 from cogrip.server.io.state_folder import StateFolder
 from cogrip.server.recorder import step_topic

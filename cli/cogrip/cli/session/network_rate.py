@@ -11,7 +11,7 @@ from cogrip.protocol.settings.digest import digest
 from cogrip.protocol.settings.network_rate import OUTSIDE_S, RATES_HZ, RateChoice, stated_frame_s
 from cogrip.protocol.settings.room import best_network_hz, for_remote_clients
 from cogrip.protocol.settings.sections import Settings
-from cogrip.results.folder import write_whole
+from cogrip.results.reading.folder import write_whole
 from cogrip.server.checkpoint import CheckpointError, decode
 from cogrip.server.io import checkpoint_file
 from cogrip.server.io.state_folder import StateError, StateFolder

@@ -15,9 +15,9 @@ from cogrip.cli.terminal.problem import BadInput, Problem
 from cogrip.cli.terminal.screen import LiveScreen, may_draw
 from cogrip.machine.stop import Stop
 from cogrip.protocol.version import VERSION
-from cogrip.results.folder import SERVER_RECORDING, write_settings, write_warnings
-from cogrip.results.summary import of_room
-from cogrip.results.verdict import came, succeeded
+from cogrip.results.reading.folder import SERVER_RECORDING, write_settings, write_warnings
+from cogrip.results.verdict.verdict import came, succeeded
+from cogrip.results.writing.summary import of_room
 from cogrip.server.hosting.placement import Served
 from cogrip.server.io.housekeeping import Housekeeping
 from cogrip.server.io.loop import LiveServer

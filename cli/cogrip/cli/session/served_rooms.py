@@ -97,8 +97,8 @@ def warn_of(rooms: Sequence[Settings], bound: tuple[str, int], encrypted: bool, 
 
 def _advice_on(settings: Settings) -> tuple[str, ...]:
     """Return where a room is not stable, passive or fit for its devices, in the words of `cogrip advise`."""
-    from cogrip.analysis.advice import advise
-    from cogrip.analysis.linear_session import ModelError
+    from cogrip.analysis.advice.advice import advise
+    from cogrip.analysis.linear.linear_session import ModelError
 
     try:
         return scene_warnings(settings) if settings.object.traits.scene else advise(settings).warnings

@@ -18,7 +18,7 @@ from cogrip.machine.stop import Stop
 from cogrip.protocol.settings.network_rate import RateChoice
 from cogrip.protocol.settings.sections import Settings
 from cogrip.protocol.version import VERSION
-from cogrip.results.folder import SERVER_RECORDING, write_settings
+from cogrip.results.reading.folder import SERVER_RECORDING, write_settings
 from cogrip.server.hosting.link import Assign, LinkEndedError, ProcessLink, Ready
 from cogrip.server.hosting.orders import LinkMeasures, LinkOrders
 from cogrip.server.hosting.workers.channel import WorkerChannel
@@ -99,8 +99,8 @@ def conclude(server: LiveServer, job: WorkerJob, losses: dict[str, int], lines: 
     from cogrip.cli.runs.run_folder import leave_files  # people who lost their server wait for a worker's start
     from cogrip.cli.session.network_rate import write_choice
     from cogrip.cli.terminal.output import make_console
-    from cogrip.results.summary import of_room
-    from cogrip.results.verdict import came, succeeded
+    from cogrip.results.verdict.verdict import came, succeeded
+    from cogrip.results.writing.summary import of_room
 
     if lines.lost:
         losses["log line"] = lines.lost

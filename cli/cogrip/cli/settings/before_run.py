@@ -8,12 +8,12 @@ from typing import Annotated
 
 from cyclopts import Parameter
 
-from cogrip.analysis.advice import advise, ample, overloads, unbounded
-from cogrip.analysis.finding import Finding
-from cogrip.analysis.lifted_model import LiftedModel
-from cogrip.analysis.linear_session import ModelError, linear_session
-from cogrip.analysis.plausible import implausible
-from cogrip.analysis.stability import modes
+from cogrip.analysis.advice.advice import advise, ample, overloads, unbounded
+from cogrip.analysis.advice.finding import Finding
+from cogrip.analysis.advice.plausible import implausible
+from cogrip.analysis.linear.lifted_model import LiftedModel
+from cogrip.analysis.linear.linear_session import ModelError, linear_session
+from cogrip.analysis.linear.stability import modes
 from cogrip.cli.terminal.output import make_console
 from cogrip.cli.terminal.problem import BadInput
 from cogrip.cli.terminal.tables import say
@@ -124,7 +124,7 @@ def _makes_energy(settings: Settings) -> tuple[str, ...]:
     """Return why a scene is refused that sets contact of its own, and makes energy in a few pushes."""
     if not settings.object.traits.scene:
         return ()
-    from cogrip.analysis.scene_pushed import FEW, pushed, sets_contact  # with MuJoCo
+    from cogrip.analysis.advice.scene_pushed import FEW, pushed, sets_contact  # with MuJoCo
 
     with BadInput.of(ValueError):  # a SceneError
         if not sets_contact(settings):
@@ -137,7 +137,7 @@ def scene_warnings(settings: Settings) -> tuple[str, ...]:
     """Return what `cogrip advise` warns of in a scene, of which there is no linear model; nothing of other objects."""
     if not settings.object.traits.scene:
         return ()
-    from cogrip.analysis.scene_advice import scene_findings  # with MuJoCo
+    from cogrip.analysis.advice.scene_advice import scene_findings  # with MuJoCo
 
     with BadInput.of(ValueError):  # a SceneError
         return tuple(finding.text for finding in scene_findings(settings) if finding.warns)

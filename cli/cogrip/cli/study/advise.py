@@ -7,14 +7,14 @@ from typing import Any
 from rich.table import Table
 from rich.text import Text
 
-from cogrip.analysis.advice import AMPLE, Advice, advise
-from cogrip.analysis.advice_change import Change, ranked_changes
-from cogrip.analysis.delay_budget import Stage, budget, total_s
-from cogrip.analysis.finding import Finding, in_rows, plain
-from cogrip.analysis.laboratory_check import Check, check, checked_change, checked_stiffest
-from cogrip.analysis.line_advice import own_world_findings
-from cogrip.analysis.linear_session import LinearSession, ModelError, linear_session
-from cogrip.analysis.stiffest import NEARLY, Stiffest, stiffest
+from cogrip.analysis.advice.advice import AMPLE, Advice, advise
+from cogrip.analysis.advice.advice_change import Change, ranked_changes
+from cogrip.analysis.advice.delay_budget import Stage, budget, total_s
+from cogrip.analysis.advice.finding import Finding, in_rows, plain
+from cogrip.analysis.advice.laboratory_check import Check, check, checked_change, checked_stiffest
+from cogrip.analysis.advice.line_advice import own_world_findings
+from cogrip.analysis.advice.stiffest import NEARLY, Stiffest, stiffest
+from cogrip.analysis.linear.linear_session import LinearSession, ModelError, linear_session
 from cogrip.cli.session.python_worlds import PythonWorlds, allow_python_worlds
 from cogrip.cli.settings.settings_file import load, with_people
 from cogrip.cli.study.analysis_query import AS_IT_STANDS, Query
@@ -89,8 +89,8 @@ def _without_model(settings: Settings, laboratory: bool, json: Json) -> int:
     """Advise on a scene or a world of one's own: what can be said of devices, line and contact, and what a session shows."""
     with BadInput.of(ValueError):  # a SceneError
         if settings.object.traits.scene:
-            from cogrip.analysis.scene_advice import scene_findings  # with MuJoCo
-            from cogrip.analysis.scene_pushed import pushed
+            from cogrip.analysis.advice.scene_advice import scene_findings  # with MuJoCo
+            from cogrip.analysis.advice.scene_pushed import pushed
 
             findings = [*scene_findings(settings), pushed(settings)]
         else:

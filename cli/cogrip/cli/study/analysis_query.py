@@ -6,8 +6,8 @@ from typing import Annotated
 
 from cyclopts import Parameter
 
-from cogrip.analysis.lifted_model import LiftedModel
-from cogrip.analysis.linear_session import (
+from cogrip.analysis.linear.lifted_model import LiftedModel
+from cogrip.analysis.linear.linear_session import (
     LinearSession,
     ModelError,
     Scheme,

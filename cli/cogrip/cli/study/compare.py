@@ -33,8 +33,8 @@ from cogrip.experiments.runner import run_experiment
 from cogrip.experiments.worker_pool import LocalWorkers
 from cogrip.machine.stop import Stop, on_signals
 from cogrip.protocol.settings.sections import Settings
-from cogrip.results.compared_methods import ours_failed
-from cogrip.results.folder import finite
+from cogrip.results.listing.compared_methods import ours_failed
+from cogrip.results.reading.folder import finite
 
 SEEDS = 20
 _PIPED_WIDTH = 160

@@ -5,10 +5,10 @@ from pathlib import Path
 import numpy as np
 from rich.table import Table
 
-from cogrip.analysis.delay_budget import budget, total_s
-from cogrip.analysis.feel import conditions
-from cogrip.analysis.free_end import free_end, free_end_record, free_end_text
-from cogrip.analysis.linear_session import LinearSession
+from cogrip.analysis.advice.delay_budget import budget, total_s
+from cogrip.analysis.advice.free_end import free_end, free_end_record, free_end_text
+from cogrip.analysis.feel.feel import conditions
+from cogrip.analysis.linear.linear_session import LinearSession
 from cogrip.cli.study.analysis_query import AS_IT_STANDS, ModelQuery
 from cogrip.cli.terminal.output import make_console, write_json
 from cogrip.cli.terminal.parameters import Config

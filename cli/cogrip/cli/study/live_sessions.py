@@ -27,8 +27,8 @@ from cogrip.machine.stop import Stop
 from cogrip.protocol.recording.records import Step
 from cogrip.protocol.settings.sections import Settings, User
 from cogrip.protocol.wire.session import ClientSession
-from cogrip.results.folder import SETTINGS, client_log, write_settings
 from cogrip.results.measures.goal import Goal, GoalWatch
+from cogrip.results.reading.folder import SETTINGS, client_log, write_settings
 from cogrip.server.io.control import MarkOrder, ask
 from cogrip.server.io.state_folder import StateError, find_folder
 from cogrip.view.io.feed import LiveFeed

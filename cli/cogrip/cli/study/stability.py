@@ -4,9 +4,9 @@ from pathlib import Path
 
 from cyclopts import App
 
-from cogrip.analysis.free_end import free_end, free_end_text
-from cogrip.analysis.linear_session import FORMS, ModelError
-from cogrip.analysis.stability import largest_stable, verdict
+from cogrip.analysis.advice.free_end import free_end, free_end_text
+from cogrip.analysis.linear.linear_session import FORMS, ModelError
+from cogrip.analysis.linear.stability import largest_stable, verdict
 from cogrip.cli.study.analysis_query import AS_IT_STANDS, ModelQuery, Query
 from cogrip.cli.terminal.output import make_console, write_json
 from cogrip.cli.terminal.parameters import Config
@@ -100,7 +100,7 @@ def region(
     """
     from cogrip.analysis.figures.page import FilesInTheWayError, save_page
     from cogrip.analysis.figures.region import extent, frames, region_page, region_record
-    from cogrip.analysis.region import regions
+    from cogrip.analysis.linear.region import regions
 
     settings = query.settings(config)
     delays = _numbers(delays_frames, "--delays-frames")

@@ -11,7 +11,7 @@ from cogrip.experiments.study.fitts import COLUMNS, ENOUGH, FEWEST, pointing, ro
 from cogrip.experiments.study.phase_table import COLUMNS as PHASE_COLUMNS
 from cogrip.experiments.study.study_file import StudyError
 from cogrip.experiments.study.table import read_table, write_columns, write_table
-from cogrip.results.export import ExportError, Format
+from cogrip.results.reading.export import ExportError, Format
 
 
 def table(

@@ -72,9 +72,9 @@ def settings_of(file: Path, overrides: tuple[str, ...]) -> Settings:
 
 def rows_of(settings: Settings) -> Iterator[Row]:
     """Yield what is loaded, added, set, changed and not used, what hands feel, what it makes, and what a frame costs."""
-    from cogrip.analysis.finding import in_rows
-    from cogrip.analysis.scene_advice import scene_findings
-    from cogrip.analysis.scene_pushed import pushed
+    from cogrip.analysis.advice.finding import in_rows
+    from cogrip.analysis.advice.scene_advice import scene_findings
+    from cogrip.analysis.advice.scene_pushed import pushed
     from cogrip.server.worlds.scenes.scene_file import account_of
 
     frame_s = seat_settings(settings, 0).rates.frame_s
@@ -107,7 +107,7 @@ def rows_of(settings: Settings) -> Iterator[Row]:
 
 def _held(settings: Settings) -> tuple[Row, dict[str, Any]]:
     """Return up to which delay the scene's object stays held, as a row and in numbers."""
-    from cogrip.analysis.scene_hold import MOST_SLIP_M, SECONDS, hold
+    from cogrip.analysis.advice.scene_hold import MOST_SLIP_M, SECONDS, hold
 
     began_s = time.process_time()
     found = hold(settings, lambda: time.process_time() - began_s > MOST_HOLD_S)

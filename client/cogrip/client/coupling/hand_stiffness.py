@@ -37,7 +37,7 @@ INSTRUMENT_S = 0.05  # time constant of z: a hand is moved later than its partne
 
 
 class DeviceDrag(NamedTuple):
-    """What a device itself takes of the hand's force [kg, N s/m, N]."""
+    """Mass, damping and friction of a device: what it takes of the hand's force [kg, N s/m, N]."""
 
     mass_kg: float
     damping_nspm: float

@@ -1,4 +1,4 @@
-"""Whether somebody holds one's own device at all: a device that nobody holds moves as its mass and the force on it say.
+"""Tell whether somebody holds one's own device at all: a device that nobody holds moves as its mass and the force on it say.
 
 Symbols, over all axes: F force of the client, m a inertia of the device, f = F + m a + d v + c sign(v) force of the hand, each
 through one pole of FILTER_S.

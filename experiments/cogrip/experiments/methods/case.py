@@ -11,13 +11,13 @@ from dataclasses import dataclass
 from functools import lru_cache
 from typing import Any
 
-from cogrip.analysis.felt_probe import furthest_off, measure_felt
-from cogrip.analysis.trace import Array, SessionTrace, TraceRecorder, sketch
+from cogrip.analysis.feel.felt_probe import furthest_off, measure_felt
+from cogrip.analysis.feel.trace import Array, SessionTrace, TraceRecorder, sketch
 from cogrip.experiments.methods.hand import let_rest
 from cogrip.experiments.methods.measures import FELT_MEASURES, at_rest, created_at_rest_j, is_oscillating, read
 from cogrip.experiments.methods.method import CLEAN, ideal_settings, session_settings
 from cogrip.protocol.settings.sections import Settings
-from cogrip.results.summary import of_laboratory
+from cogrip.results.writing.summary import of_laboratory
 from cogrip.sim.laboratory import Laboratory
 
 

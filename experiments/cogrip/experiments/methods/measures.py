@@ -18,11 +18,11 @@ from typing import Any, Literal
 
 import numpy as np
 
-from cogrip.analysis.trace import Array, SessionTrace
+from cogrip.analysis.feel.trace import Array, SessionTrace
 from cogrip.machine.addition import add_floats, add_integers
-from cogrip.results.felt_as_intended import SOFTER
-from cogrip.results.summary_values import Summary, dig, is_number, people, worst_margin
-from cogrip.results.verdict import felt
+from cogrip.results.reading.summary_values import Summary, dig, is_number, people, worst_margin
+from cogrip.results.verdict.felt_as_intended import SOFTER
+from cogrip.results.verdict.verdict import felt
 
 LAST_S = 0.5  # length of the stretch at the end over which the rest is judged
 SWING_N = 1.0  # swing of a force between hands that hold still above which a session may oscillate

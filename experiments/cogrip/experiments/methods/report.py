@@ -17,11 +17,11 @@ from cogrip.experiments.methods.plots import draw_all
 from cogrip.experiments.methods.query import ComparisonQuery
 from cogrip.experiments.methods.table import cells, columns_of, gather, headings, markdown, notes, tone
 from cogrip.machine.addition import add_integers
-from cogrip.results.folder import SUMMARY, summary_text
-from cogrip.results.judgement import Tone
 from cogrip.results.plots.style import png
+from cogrip.results.reading.folder import SUMMARY, summary_text
 from cogrip.results.report.page import Picture, render_page
 from cogrip.results.report.tables import Cell, ReportTable, TableRow, plain, row, settings_tables
+from cogrip.results.verdict.judgement import Tone
 
 REPORT, MARKDOWN, LATEX, PLOTS, PEOPLE = "report.html", "table.md", "table.tex", "plots", "felt.csv"
 KIND = "comparison of methods"

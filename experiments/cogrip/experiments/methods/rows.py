@@ -10,7 +10,7 @@ from cogrip.experiments.experiment import Result
 from cogrip.experiments.methods.looks import WORDS
 from cogrip.experiments.methods.measures import Mark, State, mark_of, state_of
 from cogrip.experiments.methods.query import ComparisonQuery
-from cogrip.results.summary_values import is_number
+from cogrip.results.reading.summary_values import is_number
 
 WIDTH = 0.8  # share of a network's room that its methods take
 Key = tuple[str, str]  # names of a network and a method

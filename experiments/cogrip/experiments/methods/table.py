@@ -19,8 +19,8 @@ from cogrip.experiments.methods.method import METHODS
 from cogrip.experiments.methods.query import FELT_SEEDS, ComparisonQuery
 from cogrip.machine.addition import add_integers
 from cogrip.protocol.version import VERSION
-from cogrip.results.judgement import Tone
-from cogrip.results.summary_values import dig, is_number, lent_j
+from cogrip.results.reading.summary_values import dig, is_number, lent_j
+from cogrip.results.verdict.judgement import Tone
 
 FELT = "felt_error_percent"
 NONE = "–"

@@ -17,8 +17,8 @@ from typing import Any, NamedTuple
 
 from cogrip.experiments.study.table import Row, StudyTable
 from cogrip.protocol.recording.schema import unit_of
-from cogrip.results.columns import NUMBER, Column
 from cogrip.results.measures.motion import ENDPOINT
+from cogrip.results.reading.columns import NUMBER, Column
 
 WIDTHS = 4.133
 """Standard deviations in an effective width: the square root of 2 pi e. 96 % of a normal distribution lie in so many."""

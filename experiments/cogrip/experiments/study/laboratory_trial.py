@@ -11,8 +11,8 @@ from cogrip.experiments.study.spread import varied
 from cogrip.experiments.study.study_file import Study
 from cogrip.experiments.study.trial import TrialEvent, begun_by, ended_by
 from cogrip.protocol.settings.sections import Settings
-from cogrip.results.laboratory_run import run_laboratory
 from cogrip.results.measures.goal import Goal, GoalWatch
+from cogrip.results.writing.laboratory_run import run_laboratory
 from cogrip.sim.laboratory import Laboratory
 
 

@@ -5,9 +5,9 @@ from typing import Any
 
 from cogrip.experiments.study.phases import spells
 from cogrip.protocol.recording.schema import unit_of
-from cogrip.results.columns import NUMBER, Column
 from cogrip.results.measures.columns import RunColumns
 from cogrip.results.measures.registry import MEASURES
+from cogrip.results.reading.columns import NUMBER, Column
 
 OF_TRIALS = frozenset({"completion_s", "endpoint_m"})
 """Measures of a goal, which is the trial's and has no phases."""

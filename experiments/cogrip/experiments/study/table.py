@@ -16,12 +16,12 @@ from cogrip.experiments.study.study_file import Study
 from cogrip.experiments.study.trial import begun_by
 from cogrip.protocol.recording.reader import RecordingError
 from cogrip.protocol.recording.schema import unit_of
-from cogrip.results.columns import NUMBER, Column
-from cogrip.results.export import Format, open_table
-from cogrip.results.folder import SUMMARY
 from cogrip.results.measures.columns import RunColumns, read_columns
 from cogrip.results.measures.motion import felt_stiffness_missing
 from cogrip.results.measures.registry import MEASURES, measure
+from cogrip.results.reading.columns import NUMBER, Column
+from cogrip.results.reading.export import Format, open_table
+from cogrip.results.reading.folder import SUMMARY
 
 PLACE: tuple[Column, ...] = (
     Column("study", "string"), Column("mode", "string"), Column("group", "int64"), Column("participant", "string"),

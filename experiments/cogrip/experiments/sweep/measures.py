@@ -9,12 +9,12 @@ import difflib
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from typing import Any
 
-from cogrip.analysis.feel import Slow, on_wall, slow_feel
-from cogrip.analysis.lifted_model import LiftedModel
-from cogrip.analysis.linear_session import linear_session
-from cogrip.analysis.stability import largest_stable, verdict
+from cogrip.analysis.feel.feel import Slow, on_wall, slow_feel
+from cogrip.analysis.linear.lifted_model import LiftedModel
+from cogrip.analysis.linear.linear_session import linear_session
+from cogrip.analysis.linear.stability import largest_stable, verdict
 from cogrip.protocol.settings.sections import Settings
-from cogrip.results.folder import finite
+from cogrip.results.reading.folder import finite
 
 DEFAULT = ("passive", "unstable", "users.*.peak_force_n", "users.*.energy.line_margin_j", "object.travel_m")
 SCENE = tuple(f"server.scene.{name}" for name in ("lifted_m", "lifted_s", "lifted_slip_m", "slip_m", "peak_contact_n"))

@@ -16,7 +16,7 @@ from matplotlib.axes import Axes
 from matplotlib.colors import ListedColormap
 from matplotlib.figure import Figure
 
-from cogrip.analysis.state_space import Array
+from cogrip.analysis.linear.state_space import Array
 from cogrip.experiments.experiment import Result
 from cogrip.experiments.sweep.grid import Axis, Grid
 from cogrip.experiments.sweep.measures import PREFIX

@@ -17,7 +17,7 @@ from cogrip.experiments.sweep.measures import LIFTED, PREFIX, expanded, needs_se
 from cogrip.protocol.settings.room import resolve
 from cogrip.protocol.settings.sections import Settings
 from cogrip.protocol.version import VERSION
-from cogrip.results.laboratory_run import run_laboratory
+from cogrip.results.writing.laboratory_run import run_laboratory
 from cogrip.sim.input_files import files_read
 
 MANIFEST = "sweep.json"

@@ -28,7 +28,7 @@ class CouplingKind(NamedTuple):
     paper_step      knows the paper's own server step
     damper          damper that the device renders
     softer_key      key of [coupling] to lower where the force oscillates
-    linear          form of its linear model (`cogrip.analysis.linear_session`); None: it is not linear
+    linear          form of its linear model (`cogrip.analysis.linear.linear_session`); None: it is not linear
     advised_frames  frames of both directions together up to which a client that joins has the model computed: about 2 s
     """
 

@@ -16,7 +16,7 @@ from cogrip.protocol.axes import PLACES
 from cogrip.protocol.recording.reader import RecordingError
 from cogrip.protocol.settings.object_kinds import kind_of
 from cogrip.results.measures.goal import NO_GOAL, Goal, GoalWatch, course
-from cogrip.results.records import End, RunRecords, open_run
+from cogrip.results.reading.records import End, RunRecords, open_run
 from cogrip.server.recorder import step_topic
 
 Array = NDArray[np.float64]

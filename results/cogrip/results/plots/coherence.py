@@ -20,8 +20,8 @@ from cogrip.results.plots.style import (
     label,
     person_style,
 )
-from cogrip.results.summary_values import number as plain
-from cogrip.results.traces import MOST_PEOPLE, TracedRun
+from cogrip.results.reading.summary_values import number as plain
+from cogrip.results.reading.traces import MOST_PEOPLE, TracedRun
 
 _MOST_PAIRS = 6
 _HALF = 3  # number of pairs that are drawn dark

@@ -26,8 +26,8 @@ from cogrip.results.plots.style import (
     shade,
     title,
 )  # fmt: skip
-from cogrip.results.summary_values import lent_j
-from cogrip.results.traces import TracedRun
+from cogrip.results.reading.summary_values import lent_j
+from cogrip.results.reading.traces import TracedRun
 
 MOST_ROWS = 6  # most people that are drawn
 _BROADEST, _FINEST = 3.0, 1.0  # line widths of the first run and of the last

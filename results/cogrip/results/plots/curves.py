@@ -6,7 +6,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from cogrip.results.plots.style import ALARM, DASHED, Array, Legend, NotDrawnError, Style, label, person_style
-from cogrip.results.traces import MOST_PEOPLE, TracedRun
+from cogrip.results.reading.traces import MOST_PEOPLE, TracedRun
 
 Window = tuple[float, float]
 PROXY: Style = {"lw": 1.2, "ls": DASHED, "mfc": "white"}  # style of the proxy, the object's end

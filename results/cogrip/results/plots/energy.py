@@ -20,8 +20,8 @@ from cogrip.results.plots.style import (
     label,
     title,
 )
-from cogrip.results.summary_values import lent_j
-from cogrip.results.traces import TracedRun
+from cogrip.results.reading.summary_values import lent_j
+from cogrip.results.reading.traces import TracedRun
 
 _LARGE_J = 5.0
 _LEDGERS = (("work by the hand", "-"), ("energy into the line", DASHED), ("device leak", DOTTED))

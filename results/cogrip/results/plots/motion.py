@@ -5,7 +5,6 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
-from cogrip.results.columns import axes_named
 from cogrip.results.plots.curves import (
     DETAIL_S,
     Line,
@@ -30,8 +29,9 @@ from cogrip.results.plots.style import (
     draw,
     title,
 )  # fmt: skip
-from cogrip.results.summary_values import traits_of
-from cogrip.results.traces import EndTrace, TracedRun
+from cogrip.results.reading.columns import axes_named
+from cogrip.results.reading.summary_values import traits_of
+from cogrip.results.reading.traces import EndTrace, TracedRun
 
 _TURNING = {"mm": "mrad", "N": "N m"}
 _GROUPS = 1500  # most groups of frames for the pale band behind the waves

@@ -13,7 +13,7 @@ from cogrip.results.plots.energy import energies
 from cogrip.results.plots.motion import forces, positions, waves
 from cogrip.results.plots.scene import bodies, contacts
 from cogrip.results.plots.timing import link, loops
-from cogrip.results.traces import TracedRun
+from cogrip.results.reading.traces import TracedRun
 
 
 class Plot(NamedTuple):

@@ -16,7 +16,7 @@ from cogrip.results.plots.style import (
     draw,
     person_style,
 )  # fmt: skip
-from cogrip.results.traces import TracedRun
+from cogrip.results.reading.traces import TracedRun
 
 MOST_BODIES = 8  # most bodies that are drawn: more are not told apart
 _LEAST_MM, _LEAST_DEG, _LEAST_N, _LEAST_SLIP_MM = 1.0, 1.0, 0.1, 0.001  # least heights of panels: below lies rounding

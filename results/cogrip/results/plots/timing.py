@@ -22,7 +22,7 @@ from cogrip.results.plots.style import (
     label,
     person_style,
 )
-from cogrip.results.traces import MOST_PEOPLE, EndTrace, TracedRun
+from cogrip.results.reading.traces import MOST_PEOPLE, EndTrace, TracedRun
 
 _PER_DECADE = 12
 _FLOOR_US = 0.1  # lateness of the first bin: a tick that is no later than this stands in it

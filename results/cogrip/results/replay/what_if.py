@@ -23,7 +23,7 @@ from cogrip.protocol.settings.room import rates_of, resolve, seat_settings
 from cogrip.protocol.settings.sections import Settings, User
 from cogrip.protocol.texts import clipped
 from cogrip.protocol.wire.messages import DEVICE_BYTES, Hello
-from cogrip.results.records import End, RunRecords
+from cogrip.results.reading.records import End, RunRecords
 
 Hands = Literal["same", "impedance", "positions"]
 

@@ -4,16 +4,16 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import NamedTuple
 
-from cogrip.results.comparison import (
+from cogrip.results.measures.comparison import (
     RunDifference,
     check_comparable,
     differences_of_runs,
     labels_of,
     settings_differences,
 )
+from cogrip.results.reading.traces import TracedRun, load_run
 from cogrip.results.report.page import about, picture, render_page, verdict_of
 from cogrip.results.report.tables import Cell, ReportTable, TableRow, plain
-from cogrip.results.traces import TracedRun, load_run
 
 KIND = "comparison"
 _MARK = f'content="cogrip {KIND}"'

@@ -9,12 +9,12 @@ from functools import cache
 from pathlib import Path
 from typing import TYPE_CHECKING, NamedTuple
 
-from cogrip.results.folder import write_whole
-from cogrip.results.judgement import Tone
+from cogrip.results.reading.folder import write_whole
+from cogrip.results.reading.summary_values import dig, number, traits_of
+from cogrip.results.reading.traces import MOST_PEOPLE, TracedRun, load_run
 from cogrip.results.report.tables import dropped_table, people_table, room_table, settings_tables
-from cogrip.results.summary_values import dig, number, traits_of
-from cogrip.results.traces import MOST_PEOPLE, TracedRun, load_run
-from cogrip.results.verdict_text import verdict
+from cogrip.results.verdict.judgement import Tone
+from cogrip.results.verdict.verdict_text import verdict
 
 if TYPE_CHECKING:
     from jinja2 import Environment

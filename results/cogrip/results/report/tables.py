@@ -7,7 +7,7 @@ import msgspec
 
 from cogrip.protocol.axes import PLACES
 from cogrip.protocol.settings.sections import OWN_COUPLING, Settings, User
-from cogrip.results.summary_values import (
+from cogrip.results.reading.summary_values import (
     UNKNOWN,
     Summary,
     dig,

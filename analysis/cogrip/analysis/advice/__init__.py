@@ -1,0 +1,1 @@
+"""Advice on settings before anybody holds a device."""

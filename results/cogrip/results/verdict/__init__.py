@@ -1,0 +1,1 @@
+"""Judgements of a run, in code and in sentences."""
