@@ -4,8 +4,9 @@ import random
 
 import pytest
 
+from cogrip.machine.rows import Row
 from cogrip.protocol.line.energy_ledger import FIRST_ROWS, HISTORY, WaveLedger
-from cogrip.protocol.line.energy_sums import RESERVE_FRACTION, Row, WaveSums
+from cogrip.protocol.line.energy_sums import RESERVE_FRACTION, WaveSums
 from cogrip.protocol.line.received_waves import ReceivedWaves
 
 

@@ -6,11 +6,12 @@ from typing import Any, ClassVar
 
 import numpy as np
 
+from cogrip.machine.rows import Row
 from cogrip.protocol.laws.rotations import exp, log, product
 from cogrip.protocol.settings.room import resolve, seat_settings
 from cogrip.protocol.settings.seat import SeatSettings
 from cogrip.server.worlds.tool_world import ToolWorld
-from cogrip.server.worlds.world import Array, Row
+from cogrip.server.worlds.world import Array
 
 
 def seats(count: int = 2, axes: int = 2) -> list[SeatSettings]:

@@ -8,6 +8,7 @@ from itertools import product
 import numpy as np
 import pytest
 
+from cogrip.machine.rows import Row
 from cogrip.protocol.drawing import Shape
 from cogrip.protocol.settings.effects import MOST_EFFECTS, Effect
 from cogrip.protocol.texts import TEXT_BYTES
@@ -16,7 +17,7 @@ from cogrip.server.worlds.energy_limiter import START_J
 from cogrip.server.worlds.grip import GripWorld
 from cogrip.server.worlds.guarded import MOST_GIVEN, MOST_HELD_J, GuardedWorld
 from cogrip.server.worlds.tool_world import ToolWorld
-from cogrip.server.worlds.world import Array, Row, WorldError
+from cogrip.server.worlds.world import Array, WorldError
 
 from tests.extent import every
 from tests.server import broken_worlds as broken

@@ -5,9 +5,10 @@ from typing import Any
 import numpy as np
 import pytest
 
+from cogrip.machine.rows import Row
 from cogrip.protocol.settings.coupling_kinds import COUPLING_KINDS
 from cogrip.server.schemes import make_world
-from cogrip.server.worlds.world import Row, World
+from cogrip.server.worlds.world import World
 
 from tests.server.object_worlds import seats
 

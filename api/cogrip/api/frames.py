@@ -5,9 +5,8 @@ from dataclasses import dataclass
 
 from cogrip.client.core import ClientCore
 from cogrip.client.observer import ObserverCore
+from cogrip.machine.rows import Row
 from cogrip.sim.laboratory import Laboratory
-
-Row = tuple[float, ...]
 
 
 @dataclass(frozen=True, slots=True)

@@ -7,6 +7,7 @@ from math import dist
 import numpy as np
 from msgspec.structs import replace
 
+from cogrip.machine.rows import Row
 from cogrip.machine.tick_count import TickCount
 from cogrip.protocol.line.energy_reserve import EnergyReserve
 from cogrip.protocol.secure.channel import Address
@@ -23,7 +24,6 @@ from cogrip.protocol.wire.clock import MessageClock
 from cogrip.protocol.wire.messages import FRAMES, Heartbeat, Mark, Waves
 from cogrip.protocol.wire.session import LOST_NS
 from cogrip.server.checkpoint import VERSION, CheckpointError, RoomCheckpoint
-from cogrip.server.ports.port import Row
 from cogrip.server.ports.seat_limits import BURST_S, ClaimedRecord, SeatLimits, limits_of
 from cogrip.server.schemes import SCHEMES, make_room_world
 from cogrip.server.seats.effects import EffectSender, RoomEffects

@@ -144,14 +144,14 @@ def _print_stiffest(config: Path, settings: Settings, laboratory: bool, json: Js
     return 0
 
 
-Row = tuple[str, str, str]
+TableRow = tuple[str, str, str]
 
 
 def _seen(checked: Check | None, expected_npm: Mapping[str, float] | None = None) -> list[Finding]:
     return [checked.session, *checked.felt(expected_npm)] if checked else []
 
 
-def _rows(findings: Iterable[Finding], people: Sequence[str]) -> list[Row]:
+def _rows(findings: Iterable[Finding], people: Sequence[str]) -> list[TableRow]:
     """Return a row a finding; people with the same finding share one."""
     return [
         (level, topic, f"{', '.join(names)}: {text}" if any(names) else text)
@@ -159,7 +159,7 @@ def _rows(findings: Iterable[Finding], people: Sequence[str]) -> list[Row]:
     ]
 
 
-def _print(rows: Iterable[Row], last: str) -> None:
+def _print(rows: Iterable[TableRow], last: str) -> None:
     """Print level, topic and text in columns, the text wrapped within its own."""
     console = make_console()
     table = Table.grid(padding=(0, 2, 0, 0))

@@ -22,12 +22,12 @@ SUFFIXES = (".xml", ".mjcf", ".urdf")
 MOST_HOLD_S = 60.0  # most processor time for the delays up to which something stays held
 FRAMES = 256  # number of frames that are stepped to see what a frame costs
 MARKS = {"ok": ("✓", "green"), "note": ("·", "cyan"), "warning": ("!", "yellow"), "refused": ("✗", "red")}
-Row = tuple[str, str, str]
+TableRow = tuple[str, str, str]
 """Level, topic and words of a finding."""
 
 
 def check_scene(
-    file: Path, overrides: tuple[str, ...], tell: Callable[[Row], None] = lambda row: None
+    file: Path, overrides: tuple[str, ...], tell: Callable[[TableRow], None] = lambda row: None
 ) -> dict[str, Any]:
     """Return one row for each thing that is worth knowing of a scene. tell: called with each as soon as it is known.
 
@@ -47,10 +47,10 @@ def check_scene(
     return answer | {"rows": [{"level": level, "topic": topic, "text": text} for level, topic, text in rows]}
 
 
-def shown_on(console: Console) -> Callable[[Row], None]:
+def shown_on(console: Console) -> Callable[[TableRow], None]:
     """Return a function that prints a row of `check_scene`, on a line of its own."""
 
-    def show(row: Row) -> None:
+    def show(row: TableRow) -> None:
         level, topic, text = row
         sign, colour = MARKS[level]
         line = Text(wrapped(f"{sign} {topic}: {text}", console, "  "))
@@ -70,7 +70,7 @@ def settings_of(file: Path, overrides: tuple[str, ...]) -> Settings:
         return resolve(table, dict(override(text) for text in overrides))
 
 
-def rows_of(settings: Settings) -> Iterator[Row]:
+def rows_of(settings: Settings) -> Iterator[TableRow]:
     """Yield what is loaded, added, set, changed and not used, what hands feel, what it makes, and what a frame costs."""
     from cogrip.analysis.advice.finding import in_rows
     from cogrip.analysis.advice.scene_advice import scene_findings
@@ -105,7 +105,7 @@ def rows_of(settings: Settings) -> Iterator[Row]:
     yield "ok", "cost", _cost(settings, frame_s)
 
 
-def _held(settings: Settings) -> tuple[Row, dict[str, Any]]:
+def _held(settings: Settings) -> tuple[TableRow, dict[str, Any]]:
     """Return up to which delay the scene's object stays held, as a row and in numbers."""
     from cogrip.analysis.advice.scene_hold import MOST_SLIP_M, SECONDS, hold
 

@@ -10,6 +10,7 @@ from math import inf
 from typing import Any, Generic, TypeVar
 
 from cogrip.devices.device import Capability
+from cogrip.machine.rows import Row
 from cogrip.protocol.line.energy_reserve import EnergyReserve
 from cogrip.protocol.line.energy_sums import CompensatedSum
 from cogrip.protocol.line.latest_state import StateReceiver
@@ -20,7 +21,6 @@ from cogrip.protocol.wire.handle import Handle
 from cogrip.protocol.wire.messages import Geom, Latest
 
 L = TypeVar("L", bound=Latest)
-Row = tuple[float, ...]
 
 
 class PortEnergy:

@@ -12,10 +12,11 @@ from operator import mul
 from msgspec.structs import replace
 
 from cogrip.client.coupling.contact_spring import ContactSpring
-from cogrip.client.coupling.interface import Coupling, Row
+from cogrip.client.coupling.interface import Coupling
 from cogrip.client.coupling.wave_coupling import WaveCoupling
 from cogrip.devices.device import Capability
 from cogrip.machine.addition import add_floats
+from cogrip.machine.rows import Row
 from cogrip.protocol.axes import PLACES
 from cogrip.protocol.line.energy_sums import CompensatedSum
 from cogrip.protocol.settings.seat import SeatSettings

@@ -15,9 +15,9 @@ from collections.abc import Sequence
 from math import sqrt
 
 from cogrip.client.coupling.fixed_shapes import KINDS, FixedShape, Vector
-from cogrip.client.coupling.interface import Row
 from cogrip.client.coupling.local_contact import Contact, LocalCoupling
 from cogrip.client.coupling.proxy import Ball, Proxy, without
+from cogrip.machine.rows import Row
 from cogrip.protocol.axes import PLACES
 from cogrip.protocol.drawing import MOST_LOCAL, MOST_PAIRS, Shape
 from cogrip.protocol.settings.seat import SeatSettings

@@ -14,11 +14,12 @@ from msgspec.structs import replace
 
 from cogrip.client.coupling.hand_stiffness import DeviceDrag, HandStiffness
 from cogrip.client.coupling.intention import Intention
-from cogrip.client.coupling.interface import Coupling, LatestStateCoupling, Row
+from cogrip.client.coupling.interface import Coupling, LatestStateCoupling
 from cogrip.client.coupling.release import Release
 from cogrip.client.coupling.spring_gate import BUDGET_J, SpringGate
 from cogrip.devices.device import Capability
 from cogrip.machine.addition import add_floats
+from cogrip.machine.rows import Row
 from cogrip.protocol.laws.partner_model import Model, ahead, step_object
 from cogrip.protocol.settings.seat import SeatSettings
 from cogrip.protocol.wire.clock import MessageClock

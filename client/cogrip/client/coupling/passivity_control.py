@@ -20,8 +20,9 @@ docs/decisions/0011-methods.md has the equations, and what each constant is for.
 from collections.abc import Sequence
 from math import inf
 
-from cogrip.client.coupling.interface import LatestStateCoupling, PortEnergy, Row
+from cogrip.client.coupling.interface import LatestStateCoupling, PortEnergy
 from cogrip.machine.addition import add_floats
+from cogrip.machine.rows import Row
 from cogrip.protocol.laws.passivity_control import CHARGE_UP_J, LENT_J
 from cogrip.protocol.line.energy_reserve import EnergyReserve
 from cogrip.protocol.line.energy_sums import CompensatedSum, rounding_fraction

@@ -7,10 +7,11 @@ object as received last.
 from collections.abc import Sequence
 from math import inf
 
-from cogrip.client.coupling.interface import LatestStateCoupling, Row
+from cogrip.client.coupling.interface import LatestStateCoupling
 from cogrip.client.rows.delay_line import DelayLine
 from cogrip.client.rows.springs import spring_j
 from cogrip.machine.addition import add_floats
+from cogrip.machine.rows import Row
 from cogrip.protocol.line.energy_reserve import EnergyReserve
 from cogrip.protocol.line.energy_sums import CompensatedSum
 from cogrip.protocol.settings.seat import SeatSettings

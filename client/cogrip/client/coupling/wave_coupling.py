@@ -20,7 +20,7 @@ from operator import sub
 
 from msgspec.structs import replace
 
-from cogrip.client.coupling.interface import Coupling, Row
+from cogrip.client.coupling.interface import Coupling
 from cogrip.client.coupling.line_tuner import LineTuner
 from cogrip.client.coupling.series_impedance import SeriesImpedance
 from cogrip.client.coupling.wave_lines import ForwardLine, ReturningLine
@@ -29,6 +29,7 @@ from cogrip.client.hand.velocity import largest_impedance
 from cogrip.client.rows.delay_line import DelayLine
 from cogrip.devices.device import Capability
 from cogrip.machine.addition import add_floats
+from cogrip.machine.rows import Row
 from cogrip.protocol.axes import PLACES
 from cogrip.protocol.laws.waves import device_gain, wave_of
 from cogrip.protocol.line.line_in_use import ImpedanceChanges

@@ -4,8 +4,9 @@ from collections import deque
 from collections.abc import Sequence
 from math import sqrt
 
-from cogrip.client.coupling.interface import PortEnergy, Row
+from cogrip.client.coupling.interface import PortEnergy
 from cogrip.machine.addition import add_floats
+from cogrip.machine.rows import Row
 from cogrip.protocol.laws.decimation import make_decimator
 from cogrip.protocol.line.energy_ledger import HISTORY
 from cogrip.protocol.line.energy_reserve import EnergyReserve

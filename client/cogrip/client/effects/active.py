@@ -2,8 +2,9 @@
 
 from math import pi, sin
 
-from cogrip.client.effects.laws import ActiveLaw, Box, Row, unit
+from cogrip.client.effects.laws import ActiveLaw, Box, unit
 from cogrip.machine.addition import add_floats
+from cogrip.machine.rows import Floats
 from cogrip.protocol.settings.effects import Effect
 
 
@@ -18,10 +19,10 @@ class Vibration(ActiveLaw):
         self.most_n = effect.amplitude_n * half / sin(half)
         self.slope_nps = 2.0 * pi * effect.frequency_hz * effect.amplitude_n  # of the steps: 2 most_n sin(pi f T) / T
 
-    def present(self, position_m: Row) -> bool:
+    def present(self, position_m: Floats) -> bool:
         return self._box.inside(position_m)
 
-    def force(self, position_m: Row, ticks: int) -> Row:
+    def force(self, position_m: Floats, ticks: int) -> Floats:
         value = self.most_n * sin(2.0 * pi * ((self._turn * ticks) % 1.0))
         return [value * part for part in self._direction]
 
@@ -36,10 +37,10 @@ class Grating(ActiveLaw):
         self.most_n = effect.amplitude_n
         self.stiffness_npm = 2.0 * pi * effect.amplitude_n / effect.period_m
 
-    def present(self, position_m: Row) -> bool:
+    def present(self, position_m: Floats) -> bool:
         return self._box.inside(position_m)
 
-    def force(self, position_m: Row, ticks: int) -> Row:
+    def force(self, position_m: Floats, ticks: int) -> Floats:
         direction = self._direction
         along = add_floats([n * (x - a) for n, x, a in zip(direction, position_m, self._place, strict=False)])
         value = self.most_n * sin(2.0 * pi * ((along / self._period) % 1.0))

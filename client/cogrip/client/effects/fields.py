@@ -1,6 +1,7 @@
 """Viscous field: F = B v in a box."""
 
-from cogrip.client.effects.laws import NOTHING, Box, PassiveForce, PassiveLaw, Row
+from cogrip.client.effects.laws import NOTHING, Box, PassiveForce, PassiveLaw
+from cogrip.machine.rows import Floats
 from cogrip.protocol.settings.effects import Effect
 
 
@@ -11,7 +12,7 @@ class ViscousField(PassiveLaw):
         self._box, self._places = Box(effect, places), places
         self.damping_nspm = effect.damping_nspm
 
-    def felt(self, position_m: Row, velocity_mps: Row) -> PassiveForce:
+    def felt(self, position_m: Floats, velocity_mps: Floats) -> PassiveForce:
         if not self._box.inside(position_m):
             return NOTHING
         damping = self.damping_nspm

@@ -17,12 +17,13 @@ from math import hypot, inf
 from cogrip.client.effects.active import Grating, Vibration
 from cogrip.client.effects.fields import ViscousField
 from cogrip.client.effects.force_source import AtHand, ForceSource
-from cogrip.client.effects.laws import ActiveLaw, PassiveLaw, Row
+from cogrip.client.effects.laws import ActiveLaw, PassiveLaw
 from cogrip.client.effects.springs import ForbiddenZone, GuidingPath, Magnet
 from cogrip.client.effects.tank import EnergyTank
 from cogrip.client.rows.delay_line import DelayLine
 from cogrip.devices.device import MOST_SLOPE_NPS, Capability
 from cogrip.machine.addition import add_floats
+from cogrip.machine.rows import Floats
 from cogrip.protocol.axes import PLACES
 from cogrip.protocol.settings.effects import MOST_EFFECTS, Effect, EffectKind, unfit_effect
 from cogrip.protocol.wire.accounts import EffectAccount
@@ -36,7 +37,7 @@ LAWS: Mapping[EffectKind, Callable[[Effect, int, float], PassiveLaw | ActiveLaw]
     "zone": ForbiddenZone,
 }  # fmt: skip
 """Law of each kind, made of an effect, the places of the seat and the length of a tick [s]."""
-_NO_ROWS: tuple[Row, Row, Row] = (), (), ()
+_NO_ROWS: tuple[Floats, Floats, Floats] = (), (), ()
 
 
 class _Entry:
@@ -68,8 +69,8 @@ class EffectForce(ForceSource):
         self._entries: dict[int, _Entry] = {}
         self._known: deque[int] = deque(maxlen=8 * MOST_EFFECTS)
         self._step_share = tick_s / RAMP_S
-        self._rows: DelayLine[tuple[Row, Row, Row]] = DelayLine()  # in all, active, damper: as asked
-        self._held: tuple[Row, Row, Row] = _NO_ROWS
+        self._rows: DelayLine[tuple[Floats, Floats, Floats]] = DelayLine()  # in all, active, damper: as asked
+        self._held: tuple[Floats, Floats, Floats] = _NO_ROWS
         self._reserved: deque[float] = deque(maxlen=1)  # for active forces that have yet to act, this tick's the last
         self.tank = EnergyTank()
         self.held_j = 0.0
@@ -120,7 +121,7 @@ class EffectForce(ForceSource):
 
     # The ledger
 
-    def enter(self, elapsed: int, part: float, start_m: Row, end_m: Row | None) -> Row:
+    def enter(self, elapsed: int, part: float, start_m: Floats, end_m: Floats | None) -> Floats:
         rows = self._held
         if rows[0] and part != 1.0:
             rows = tuple([[part * each for each in row] for row in rows])  # type: ignore[assignment]
@@ -155,7 +156,7 @@ class EffectForce(ForceSource):
         self.asked_n = total
         return total
 
-    def stored_j(self, position_m: Row) -> float:
+    def stored_j(self, position_m: Floats) -> float:
         return self.held_j
 
     def begin_anew(self) -> None:
@@ -169,7 +170,7 @@ class EffectForce(ForceSource):
         for number in [number for number, entry in self._entries.items() if entry.ended and not entry.share]:
             del self._entries[number]
 
-    def _active(self, tick: int, position_m: Row, gain: float, stiffness_npm: float, per_tool: float) -> list[float]:
+    def _active(self, tick: int, position_m: Floats, gain: float, stiffness_npm: float, per_tool: float) -> list[float]:
         """Return the force of the active effects, within what the tank holds. per_tool: force at the hand by the tool's."""
         total, most_j, felt = [0.0] * self._axes, 0.0, []
         present = [
@@ -209,7 +210,7 @@ class EffectForce(ForceSource):
         return max(0.0, self.tank.level_j - add_floats(self._reserved))
 
     def _passive(
-        self, position_m: Row, velocity_mps: Row, gain: float, carried: tuple[float, float], power_ratio: float
+        self, position_m: Floats, velocity_mps: Floats, gain: float, carried: tuple[float, float], power_ratio: float
     ) -> tuple[list[float], list[float]]:
         """Return the forces of springs and dampers; what springs cost is paid."""
         springs, dampers = [0.0] * self._axes, [0.0] * self._axes
@@ -238,7 +239,7 @@ class EffectForce(ForceSource):
                 dampers[axis] += part * most_b * force
         return springs, dampers
 
-    def _pay(self, entry: _Entry, goal: float, gain: float, potential_j: float, spring_n: Row) -> None:
+    def _pay(self, entry: _Entry, goal: float, gain: float, potential_j: float, spring_n: Floats) -> None:
         """Let w of a spring go towards its goal, as far as the tank pays for it."""
         before = entry.share
         if potential_j == 0.0 and not spring_n:
@@ -268,5 +269,5 @@ def _towards(value: float, goal: float, step: float) -> float:
     return min(goal, value + step) if goal > value else max(goal, value - step)
 
 
-def _work(force_n: Row, start_m: Sequence[float], end_m: Sequence[float]) -> float:
+def _work(force_n: Floats, start_m: Sequence[float], end_m: Sequence[float]) -> float:
     return add_floats([force * (end - start) for force, start, end in zip(force_n, start_m, end_m, strict=True)])

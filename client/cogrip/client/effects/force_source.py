@@ -13,8 +13,7 @@ from cogrip.client.rows.delay_line import DelayLine, mean_row
 from cogrip.client.rows.springs import part_of
 from cogrip.devices.device import Capability
 from cogrip.machine.addition import add_floats
-
-Row = tuple[float, ...]
+from cogrip.machine.rows import Row
 
 
 class AtHand(NamedTuple):

@@ -4,13 +4,11 @@ Passive laws (`PassiveLaw`) are springs of a potential U and dampers; active one
 """
 
 from abc import ABC, abstractmethod
-from collections.abc import Sequence
 from typing import NamedTuple
 
 from cogrip.machine.addition import add_floats
+from cogrip.machine.rows import Floats
 from cogrip.protocol.settings.effects import Effect
-
-Row = Sequence[float]
 
 
 class Box:
@@ -23,16 +21,16 @@ class Box:
             if half and axis < places
         ]
 
-    def inside(self, position_m: Row) -> bool:
+    def inside(self, position_m: Floats) -> bool:
         return all(abs(position_m[axis] - middle) <= half for axis, middle, half in self.sides)
 
 
 class PassiveForce(NamedTuple):
     """Law of a passive effect at a place: force of its spring and U, force of its damper; () none."""
 
-    spring_n: Row = ()
+    spring_n: Floats = ()
     stored_j: float = 0.0
-    damper_n: Row = ()
+    damper_n: Floats = ()
 
 
 NOTHING = PassiveForce()
@@ -45,7 +43,7 @@ class PassiveLaw(ABC):
     damping_nspm = 0.0
 
     @abstractmethod
-    def felt(self, position_m: Row, velocity_mps: Row) -> PassiveForce:
+    def felt(self, position_m: Floats, velocity_mps: Floats) -> PassiveForce:
         """Return what the law does here."""
 
 
@@ -57,15 +55,15 @@ class ActiveLaw(ABC):
     stiffness_npm = 0.0
 
     @abstractmethod
-    def present(self, position_m: Row) -> bool:
+    def present(self, position_m: Floats) -> bool:
         """Return whether it is felt here."""
 
     @abstractmethod
-    def force(self, position_m: Row, ticks: int) -> Row:
+    def force(self, position_m: Floats, ticks: int) -> Floats:
         """Return the force so many ticks after it began."""
 
 
-def unit(direction: Row, places: int) -> list[float]:
+def unit(direction: Floats, places: int) -> list[float]:
     """Return a direction in these axes with length 1."""
     row = list(direction[:places])
     length = add_floats([each * each for each in row]) ** 0.5

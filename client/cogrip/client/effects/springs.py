@@ -7,8 +7,9 @@ than K d^2 / 2. Symbols: x hand, d distance or depth [m], n direction in which U
 from itertools import pairwise
 from math import sqrt
 
-from cogrip.client.effects.laws import NOTHING, Box, PassiveForce, PassiveLaw, Row, unit
+from cogrip.client.effects.laws import NOTHING, Box, PassiveForce, PassiveLaw, unit
 from cogrip.machine.addition import add_floats
+from cogrip.machine.rows import Floats
 from cogrip.protocol.settings.effects import Effect
 
 _STEEPEST = 16.0 / (25.0 * sqrt(5.0))  # largest value of r (1 - r^2)^2, at r^2 = 1/5
@@ -27,7 +28,7 @@ class Magnet(PassiveLaw):
             self.stiffness_npm = min(self.stiffness_npm, effect.force_n / (_STEEPEST * effect.radius_m))
         self.outside = PassiveForce((), self.stiffness_npm * self._square / 6.0)
 
-    def felt(self, position_m: Row, velocity_mps: Row) -> PassiveForce:
+    def felt(self, position_m: Floats, velocity_mps: Floats) -> PassiveForce:
         away = [x - middle for x, middle in zip(position_m, self._place, strict=False)]
         left = 1.0 - add_floats([each * each for each in away]) / self._square
         if left <= 0.0:
@@ -52,7 +53,7 @@ class GuidingPath(PassiveLaw):
         self.stiffness_npm, self.damping_nspm = effect.stiffness_npm, effect.damping_nspm
         self._far = effect.force_n / effect.stiffness_npm if effect.force_n else float("inf")
 
-    def felt(self, position_m: Row, velocity_mps: Row) -> PassiveForce:
+    def felt(self, position_m: Floats, velocity_mps: Floats) -> PassiveForce:
         best, offset, segment = float("inf"), [0.0], self._segments[0]
         for each in self._segments:
             one, along, square = each
@@ -68,7 +69,7 @@ class GuidingPath(PassiveLaw):
             pull, stored = stiffness * far / distance, stiffness * far * (distance - 0.5 * far)
         return PassiveForce([pull * each for each in offset], stored, self._drag(segment, velocity_mps))
 
-    def _drag(self, segment: tuple[Row, Row, float], velocity_mps: Row) -> Row:
+    def _drag(self, segment: tuple[Floats, Floats, float], velocity_mps: Floats) -> Floats:
         if not self.damping_nspm:
             return ()
         _, along, square = segment
@@ -85,7 +86,7 @@ class ForbiddenZone(PassiveLaw):
         self._normal = unit(effect.direction, places) if any(effect.direction) else []
         self._sides = Box(effect, places).sides
 
-    def felt(self, position_m: Row, velocity_mps: Row) -> PassiveForce:
+    def felt(self, position_m: Floats, velocity_mps: Floats) -> PassiveForce:
         depth, out = self._depth(position_m)
         if depth <= 0.0:
             return NOTHING
@@ -96,7 +97,7 @@ class ForbiddenZone(PassiveLaw):
         damper = [(pushed - total) * n for n in out] if total != pushed else ()
         return PassiveForce([-pushed * n for n in out], 0.5 * pushed * depth, damper)
 
-    def _depth(self, position_m: Row) -> tuple[float, list[float]]:
+    def _depth(self, position_m: Floats) -> tuple[float, list[float]]:
         """Return the depth, and the outward normal: of a box that of its nearest side."""
         if self._normal:
             away = [x - middle for x, middle in zip(position_m, self._place, strict=False)]

@@ -9,8 +9,7 @@ from collections.abc import Sequence
 from cogrip.client.hand.further_axes import axis_masses, in_lengths
 from cogrip.devices.device import Capability
 from cogrip.devices.sample import Sample
-
-Row = tuple[float, ...]
+from cogrip.machine.rows import Row
 
 
 class AxisUnits:

@@ -3,9 +3,8 @@
 from collections.abc import Sequence
 
 from cogrip.devices.device import Capability
+from cogrip.machine.rows import Row
 from cogrip.protocol.settings.tool_frame import ToolFrame
-
-Row = tuple[float, ...]
 
 
 class HandFrame:

@@ -5,9 +5,8 @@ from math import hypot
 from typing import NamedTuple
 
 from cogrip.devices.device import Capability
+from cogrip.machine.rows import Row
 from cogrip.protocol.axes import PLACES
-
-Row = tuple[float, ...]
 
 
 class FurtherAxes(NamedTuple):

@@ -10,8 +10,9 @@ and a port of impedance b on q is one of b_g on g: waves are the same, whichever
 
 from collections.abc import Sequence
 
-from cogrip.client.hand.axes import AxisUnits, Row
+from cogrip.client.hand.axes import AxisUnits
 from cogrip.devices.sample import Sample
+from cogrip.machine.rows import Row
 
 
 class GripAxes(AxisUnits):

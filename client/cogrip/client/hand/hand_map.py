@@ -13,10 +13,11 @@ holds whatever g and s are. A change of either, and the clutch, take the hand's 
 from collections.abc import Sequence
 from dataclasses import replace
 
-from cogrip.client.hand.frame import HandFrame, Row
+from cogrip.client.hand.frame import HandFrame
 from cogrip.client.hand.velocity import largest_impedance
 from cogrip.devices.device import Capability
 from cogrip.machine.addition import add_floats
+from cogrip.machine.rows import Row
 from cogrip.protocol.axes import PLACES, POSE_AXES
 from cogrip.protocol.laws.rotations import UNTURNED, Quaternion, exp, inverse, log, product, turned
 from cogrip.protocol.settings.tool_frame import ToolFrame

@@ -12,9 +12,10 @@ angle travelled, theta, does not say how the hand is turned: rotations do not co
 from collections.abc import Sequence
 from math import isfinite
 
-from cogrip.client.hand.axes import AxisUnits, Row
+from cogrip.client.hand.axes import AxisUnits
 from cogrip.devices.sample import Sample
 from cogrip.machine.addition import add_floats
+from cogrip.machine.rows import Row
 from cogrip.protocol.axes import PLACES
 from cogrip.protocol.laws.rotations import UNTURNED, between, exp, log, product
 

@@ -5,9 +5,9 @@ from collections.abc import Sequence
 from typing import Generic, TypeVar
 
 from cogrip.machine.addition import add_floats
+from cogrip.machine.rows import Row
 
 T = TypeVar("T")
-Row = tuple[float, ...]
 
 
 class DelayLine(Generic[T]):

@@ -2,8 +2,9 @@
 
 from math import dist, hypot
 
-from cogrip.client.hand.axes import AxisUnits, Row
+from cogrip.client.hand.axes import AxisUnits
 from cogrip.client.rows.row_size import change_surely_below, surely_below
+from cogrip.machine.rows import Row
 from cogrip.protocol.axes import PLACES
 
 

@@ -17,7 +17,7 @@ from cogrip.client.coupling.schemes import make_coupling
 from cogrip.client.effects.force import EffectForce
 from cogrip.client.effects.force_source import AtHand, ForceSources
 from cogrip.client.effects.hand_aids import HandAids
-from cogrip.client.hand.axes import AxisUnits, Row
+from cogrip.client.hand.axes import AxisUnits
 from cogrip.client.hand.felt_stiffness import REST_S, FeltStiffness
 from cogrip.client.hand.grip_axes import GripAxes
 from cogrip.client.hand.handle import HandleReader, has_handle
@@ -33,6 +33,7 @@ from cogrip.client.seat.peaks import Peaks
 from cogrip.devices.device import Capability
 from cogrip.devices.sample import Sample
 from cogrip.machine.addition import add_floats
+from cogrip.machine.rows import Row
 from cogrip.protocol.axes import GRIP_AXES, PLACES, POSE_AXES
 from cogrip.protocol.settings.seat import SeatSettings
 from cogrip.protocol.wire.messages import FRAMES, Edges, Effects, Frame, View, encode

@@ -10,13 +10,13 @@ docs/decisions/0013-energy-ledger.md.
 from collections.abc import Sequence
 from typing import TYPE_CHECKING, TypeVar
 
+from cogrip.machine.rows import Row
 from cogrip.protocol.axes import PLACES, POSE_AXES
 
 if TYPE_CHECKING:
     import numpy as np
     from numpy.typing import NDArray
 
-Row = tuple[float, ...]
 Number = TypeVar("Number", float, "NDArray[np.float64]")
 
 UNIT = 2.0**-53  # unit roundoff u: an operation is off by at most this fraction of its result

@@ -1,10 +1,7 @@
 """Waves of one datagram, as a line takes them in. Compiled, `received_waves.pyx` takes its place."""
 
-from collections.abc import Sequence
-
+from cogrip.machine.rows import Floats
 from cogrip.protocol.wire.messages import Waves
-
-Row = Sequence[float]
 
 
 class ReceivedWaves:
@@ -37,7 +34,7 @@ class ReceivedWaves:
         self.put(message.first, message.waves, message.total, message.squares, metadata, message.phase)
 
     def put(
-        self, first: int, waves: Row, total: Row, squares: Row, metadata: tuple[float, float, int], phase: int
+        self, first: int, waves: Floats, total: Floats, squares: Floats, metadata: tuple[float, float, int], phase: int
     ) -> None:
         """Take in what concerns the line alone. Sums that differ in length from each other have no axes.
 

@@ -10,7 +10,7 @@ at rest the filter adds exactly S ticks to the loop.
 
 from math import sqrt
 
-Row = tuple[float, ...]
+from cogrip.machine.rows import Row
 
 
 class WaveFilter:

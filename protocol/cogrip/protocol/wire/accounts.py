@@ -8,7 +8,7 @@ from cogrip.machine.tick_count import Percentiles, TickCount
 
 REASON_BYTES = 280  # longest reason with which a client's account still fits a datagram once it is encrypted
 LEFT, SATURATED = 1, 2  # bits of a client's `incidents`: one byte, as the largest account has no room for more
-Row = Annotated[tuple[float, ...], msgspec.Meta(max_length=6)]  # one number for each axis
+AxisNumbers = Annotated[tuple[float, ...], msgspec.Meta(max_length=6)]  # one number for each axis
 
 
 class LinkCount(msgspec.Struct, frozen=True, array_like=True):
@@ -83,8 +83,8 @@ class EffectAccount(msgspec.Struct, frozen=True, array_like=True):
 class ClientAccount(msgspec.Struct, frozen=True, array_like=True):
     """Account of one person's client at the end of a session."""
 
-    position_m: Row
-    force_n: Row
+    position_m: AxisNumbers
+    force_n: AxisNumbers
     peak_force_n: float
     travel_m: float
     felt_stiffness_npm: float | None
@@ -122,7 +122,7 @@ class ClientAccount(msgspec.Struct, frozen=True, array_like=True):
 class SeatAccount(msgspec.Struct, frozen=True, array_like=True):
     """The server's account of one person at the end of a session."""
 
-    proxy_m: Row
+    proxy_m: AxisNumbers
     up_margin_j: float | None
     line_margin_j: float | None
     up: LinkCount
@@ -135,8 +135,8 @@ class SeatAccount(msgspec.Struct, frozen=True, array_like=True):
 class RoomAccount(msgspec.Struct, frozen=True, array_like=True):
     """The server's account of the object."""
 
-    position_m: Row
-    velocity_mps: Row
+    position_m: AxisNumbers
+    velocity_mps: AxisNumbers
     travel_m: float
     unstable: bool  # numbers of the world were not finite, or grew beyond what hands can bring about
     energy_balance_error_j: float

@@ -3,7 +3,7 @@
 from collections.abc import Callable, Iterator
 
 from cogrip.results.reading.summary_values import FORCELESS, Summary, dig, is_number, name_of, number, people
-from cogrip.results.verdict.judgement import Judgement, Row, Tone, names_of, occupied, some
+from cogrip.results.verdict.judgement import Judgement, Tone, UserValues, names_of, occupied, some
 
 MOST_LIMITED = 0.01
 """Largest fraction of live ticks in which a limit of the device held the force, and the hand felt it: 10 ms a second."""
@@ -63,7 +63,7 @@ def felt_as_intended(summary: Summary, stable: bool) -> Judgement:
     return Judgement("felt as intended", tone, text, brief)
 
 
-def _untouched(summary: Summary, held: list[Row]) -> str:
+def _untouched(summary: Summary, held: list[UserValues]) -> str:
     """Return whose tools met no body of their scene, where nobody's did or there was a task; "" where that is nobody's.
 
     What is felt then is the line alone. A tool that is tied to something holds it without contact; and contact that a client
@@ -80,7 +80,7 @@ def _untouched(summary: Summary, held: list[Row]) -> str:
     return f"Nothing was touched by the tool of {some(missed)}: what was felt of the scene was the line alone."
 
 
-def _unknown_stiffness(held: list[Row]) -> str:
+def _unknown_stiffness(held: list[UserValues]) -> str:
     """Return whose stiffness was asked for, and is neither measured nor predicted, and why; "" where there is nobody."""
     unknown = [row for row in held if not _rested(row)]
     gripping = names_of(row for row in held if (_value(row, "peak_grip_n") or 0.0) >= LEAST_FELT_N)
@@ -97,14 +97,14 @@ def _unknown_stiffness(held: list[Row]) -> str:
     return f"that of {some(names_of(unknown))} was neither measured at rest nor can be predicted{why}"
 
 
-def _rested(row: Row) -> bool:
+def _rested(row: UserValues) -> bool:
     """Return whether a stiffness was measured, or is not asked for."""
     return any(_value(row, key) is not None for key in ("felt_stiffness_npm", "predicted_stiffness_npm")) or not _value(
         row, "asked_stiffness_npm"
     )
 
 
-def _shaken(held: list[Row]) -> str:
+def _shaken(held: list[UserValues]) -> str:
     """Return the largest shaking that lasted, "" where it is less than anybody detects."""
     most_n = max((_value(row, "shake_n") or 0.0 for row in held), default=0.0)
     return f"; the force shook by {number(most_n, digits=2)} N rms above 12 Hz at most" if most_n >= 0.01 else ""
@@ -118,7 +118,7 @@ def _taken(summary: Summary) -> str:
     return f"the scene's energy limiter acted in {_percent(frames / due)} of the frames"
 
 
-def _softer(held: list[Row]) -> str:
+def _softer(held: list[UserValues]) -> str:
     """Return whose stiffness at rest, measured or else predicted, a hand tells from the one asked for; the worst of them."""
     found = []
     for row in held:
@@ -133,7 +133,7 @@ def _softer(held: list[Row]) -> str:
     return worst if len({text for _, text, _ in found}) == 1 and len(found) == len(held) else f"{worst} ({name})"
 
 
-def _stiffness(held: list[Row]) -> str:
+def _stiffness(held: list[UserValues]) -> str:
     """Return the span of the predicted stiffnesses at rest in words, or why none is predicted."""
     found = [value for row in held if (value := _value(row, "predicted_stiffness_npm")) is not None]
     felt = [value for row in held if (value := _value(row, "felt_stiffness_npm")) is not None]
@@ -147,7 +147,7 @@ def _stiffness(held: list[Row]) -> str:
     return f"; {span} N/m at rest, {'as measured and predicted' if measured else 'predicted, not measured'}"
 
 
-def _worst_reasons(held: list[Row]) -> Iterator[str]:
+def _worst_reasons(held: list[UserValues]) -> Iterator[str]:
     """Yield each reason once, with the person whom it is worst of, and how many others there are."""
     for share_of, bound, words in _SHARES:
         found = [(share, row) for row in held if (share := share_of(row)) is not None and share > bound]
@@ -168,7 +168,7 @@ def _worst_reasons(held: list[Row]) -> Iterator[str]:
             yield f"{name_of(row)} felt {measured:.0f} N/m at rest, where {predicted:.0f} N/m is predicted"
 
 
-def not_predicted(row: Row, credit_j: float) -> str:
+def not_predicted(row: UserValues, credit_j: float) -> str:
     """Return why the stiffness that the linear line predicts does not hold of this person's run; "" where it may.
 
     credit_j: what each direction of the line may lend.
@@ -197,11 +197,11 @@ def not_predicted(row: Row, credit_j: float) -> str:
     return ""
 
 
-def _value(row: Row, key: str) -> float | None:
+def _value(row: UserValues, key: str) -> float | None:
     return float(row[key]) if is_number(row.get(key)) else None
 
 
-def _replaced(row: Row) -> tuple[float, str]:
+def _replaced(row: UserValues) -> tuple[float, str]:
     """Return the share of frames that were not there in time, `from` or `to` the person, whichever is larger; none of a wall
     that the client renders itself, which no frame carries."""
     if row.get("local") == "wall":
@@ -209,7 +209,7 @@ def _replaced(row: Row) -> tuple[float, str]:
     return max((_share(row, "up", "concealed"), "from"), (_share(row, "down", "concealed"), "to"))
 
 
-def _share(row: Row, direction: str, key: str) -> float:
+def _share(row: UserValues, direction: str, key: str) -> float:
     """Return a count's share of the frames that were due in a direction; 0 where that is not known, or nothing is played out.
 
     Due is what was sent; where the other end was gone for a while, and sent nothing, what was played or replaced.
@@ -223,7 +223,7 @@ def _share(row: Row, direction: str, key: str) -> float:
 
 
 # Share of a person, its bound, and the reason that it gives where it is more.
-_SHARES: tuple[tuple[Callable[[Row], float | None], float, str], ...] = (
+_SHARES: tuple[tuple[Callable[[UserValues], float | None], float, str], ...] = (
     (lambda row: _value(row, "at_limit"), MOST_LIMITED, "a limit of {name}'s device held the force in {share} of the ticks"),
     (lambda row: _value(row, "controlled"), MOST_CONTROLLED, "{name}'s device port changed what is felt in {share} of ticks"),
     (lambda row: _replaced(row)[0], MOST_REPLACED, "{share} of the frames {direction} {name} were missing and replaced"),

@@ -7,7 +7,7 @@ from typing import Any, Literal
 from cogrip.results.reading.summary_values import dig, earlier, name_of
 
 Tone = Literal["good", "warn", "bad"]
-Row = dict[str, Any]
+UserValues = dict[str, Any]  # one user in `summary.json`
 
 
 @dataclass(frozen=True, slots=True)
@@ -20,7 +20,7 @@ class Judgement:
     brief: str = ""
 
 
-def occupied(users: list[Row]) -> Iterator[Row]:
+def occupied(users: list[UserValues]) -> Iterator[UserValues]:
     """Yield every seat session from which something came: a seat that nobody took has nothing to tell."""
     for row in users:
         yield from earlier(row)
@@ -29,13 +29,13 @@ def occupied(users: list[Row]) -> Iterator[Row]:
             yield row
 
 
-def never_taken(row: Row) -> bool:
+def never_taken(row: UserValues) -> bool:
     """Return whether the server says that nobody took this seat: it received nothing, and made no line."""
     nothing = row.get("state") is None and dig(row, "link", "up", "received") == 0
     return nothing and all(dig(row, "energy", key) is None for key in ("up_margin_j", "line_margin_j"))
 
 
-def names_of(rows: Iterable[Row]) -> list[str]:
+def names_of(rows: Iterable[UserValues]) -> list[str]:
     """Return each name once."""
     return list(dict.fromkeys(map(name_of, rows)))
 

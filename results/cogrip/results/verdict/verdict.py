@@ -23,7 +23,7 @@ from cogrip.results.reading.summary_values import (
 )
 from cogrip.results.verdict.felt_as_intended import felt_as_intended
 from cogrip.results.verdict.incidents import incidents, is_unstable, why_unstable
-from cogrip.results.verdict.judgement import Judgement, Row, names_of, occupied, some
+from cogrip.results.verdict.judgement import Judgement, UserValues, names_of, occupied, some
 
 
 def judgements(summary: Summary) -> tuple[Judgement, Judgement, Judgement]:
@@ -63,7 +63,7 @@ def unjudged(summary: Summary) -> bool:
 # Passive ---------------------------------------------------------------------------------------------------------------
 
 
-def passive_of(rows: list[Row], credit_j: float, gates: Row | None = None) -> bool | None:
+def passive_of(rows: list[UserValues], credit_j: float, gates: UserValues | None = None) -> bool | None:
     """Return `passive` of a summary with these people, by the reported margins; None where an end reported none.
 
     gates: of the summary; None where the scheme has none
@@ -80,13 +80,13 @@ def passive_of(rows: list[Row], credit_j: float, gates: Row | None = None) -> bo
     return None if not held or any(_untold(row, gates) for row in held) else True
 
 
-def _gates_leaked(gates: Row | None) -> bool:
+def _gates_leaked(gates: UserValues | None) -> bool:
     """Return whether recordings show that all hands together took more than their gates may give."""
     margin_j = dig(gates, "margin_j")
     return margin_j is not None and not (is_number(margin_j) and margin_j >= -float(dig(gates, "tolerance_j") or 0.0))
 
 
-def least_margin(row: Row, key: str, credit_j: float) -> float:
+def least_margin(row: UserValues, key: str, credit_j: float) -> float:
     """Return the least that a person's margin may be [J]: less what its directions may have lent, and rounding.
 
     row: of the summary; an empty one where nothing is known of frames yet, so that anything may have been lent
@@ -95,7 +95,7 @@ def least_margin(row: Row, key: str, credit_j: float) -> float:
     return -add_floats(_lent_j(row, path, credit_j) for path in paths) - ROUNDING_J
 
 
-def _lent_j(row: Row, path: str, credit_j: float) -> float:
+def _lent_j(row: UserValues, path: str, credit_j: float) -> float:
     """Return what a direction may have lent at most: its credit, where a wave was played in place of one that was not there.
 
     Where none was, nothing was lent, and what is missing was created: by a decimator that lets aliases through, for one.
@@ -104,7 +104,7 @@ def _lent_j(row: Row, path: str, credit_j: float) -> float:
     return credit_j if any(not is_number(each) or each > 0 for each in filled) else min(credit_j, 1e-3 * UNLENT_MJ)
 
 
-def _claimed_down(users: list[Row]) -> list[tuple[float, str, str]]:
+def _claimed_down(users: list[UserValues]) -> list[tuple[float, str, str]]:
     """Return what clients say of their lines down, as `worst_margin` tells it: no verdict rests on it, but its words do."""
     told = [(dig(row, "energy", "down_margin_j"), name_of(row)) for row in occupied(users) if row.get("claimed")]
     return [(margin_j, "line down", f"{name}, says the client") for margin_j, name in told if is_number(margin_j)] or [
@@ -112,7 +112,7 @@ def _claimed_down(users: list[Row]) -> list[tuple[float, str, str]]:
     ]
 
 
-def _measured(row: Row) -> tuple[str, ...]:
+def _measured(row: UserValues) -> tuple[str, ...]:
     """Return the margins that a verdict may rest on: of somebody else's client, those that the server's end took part in."""
     every = ("up_margin_j", "line_margin_j", "down_margin_j", "device_margin_j")
     claimed = row.get("claimed")
@@ -156,7 +156,7 @@ def passive(summary: Summary) -> Judgement:
     return Judgement("passive", "good", text)
 
 
-def _budget(users: list[Row], credit_j: float | None) -> str:
+def _budget(users: list[UserValues], credit_j: float | None) -> str:
     """Return what a person may be given beyond what came in: by the lines, and by the device's motors."""
     lent = f"{energy(credit_j)} lent by the line in each direction" if credit_j else "nothing lent by the line"
     found = [float(value) for row in seat_sessions(users) if is_number(value := dig(row, "energy", "budget_j"))]
@@ -166,7 +166,7 @@ def _budget(users: list[Row], credit_j: float | None) -> str:
     return f" A person's energy budget is {span}, with {lent}."
 
 
-def _gates(gates: Row) -> str:
+def _gates(gates: UserValues) -> str:
     """Return what all hands together took, of what their gates may give."""
     taken_j, budget_j = dig(gates, "taken_j"), dig(gates, "budget_j")
     if not isinstance(taken_j, dict) or not is_number(dig(gates, "margin_j")):
@@ -177,7 +177,7 @@ def _gates(gates: Row) -> str:
     return f"{shown}; most taken: {each}."
 
 
-def _claimed_margins(users: list[Row], credit_j: float) -> list[str]:
+def _claimed_margins(users: list[UserValues], credit_j: float) -> list[str]:
     """Return what clients of others say against themselves."""
     return [
         f"the client of {name_of(row)} says that {words} gave out {energy(-value)} too much"
@@ -188,7 +188,7 @@ def _claimed_margins(users: list[Row], credit_j: float) -> list[str]:
     ]
 
 
-def _least_reserves(users: list[Row], line: bool) -> str:
+def _least_reserves(users: list[UserValues], line: bool) -> str:
     """Return the least energy reserves after the first second, "" where no end reported it. line: whether lines have one"""
     whole, device = least_reserve(users, "line_reserve_j"), least_reserve(users, "device_reserve_j")
     ours = device if not any(row.get("claimed") for row in users) else None
@@ -201,7 +201,11 @@ def _least_reserves(users: list[Row], line: bool) -> str:
 
 
 def _not_passive(
-    users: list[Row], worst: tuple[float, str, str] | None, device: tuple[float, str] | None, credit_j: float, lent: str
+    users: list[UserValues],
+    worst: tuple[float, str, str] | None,
+    device: tuple[float, str] | None,
+    credit_j: float,
+    lent: str,
 ) -> tuple[str, str]:
     """Return the sentence, and the brief one."""
     found, brief = [], []
@@ -230,7 +234,7 @@ def _not_passive(
     return f"Not passive as far as can be told: an end reported an energy margin that is no number; {least}.", why
 
 
-def _worst_device(users: list[Row]) -> tuple[float, str] | None:
+def _worst_device(users: list[UserValues]) -> tuple[float, str] | None:
     """Return (margin [J], whose), of the device ports whose margin is a number."""
     found = [
         (float(value), name_of(row))
@@ -240,7 +244,7 @@ def _worst_device(users: list[Row]) -> tuple[float, str] | None:
     return min(found, default=None)
 
 
-def _untold(row: Row, gates: Row | None = None) -> list[str]:
+def _untold(row: UserValues, gates: UserValues | None = None) -> list[str]:
     """Return what is missing of a seat session before it can be called passive, in words to stand before `of <name>`."""
     if row.get("state") is None:
         received = dig(row, "link", "up", "received")

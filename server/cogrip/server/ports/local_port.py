@@ -9,12 +9,12 @@ echo.
 from math import dist
 
 from cogrip.machine.addition import add_floats
+from cogrip.machine.rows import Row
 from cogrip.protocol.axes import PLACES
 from cogrip.protocol.line.energy_sums import CompensatedSum
 from cogrip.protocol.line.received_waves import ReceivedWaves
 from cogrip.protocol.settings.seat import SeatSettings
 from cogrip.protocol.wire.clock import MessageClock
-from cogrip.server.ports.port import Row
 from cogrip.server.ports.seat_limits import FASTER, SeatLimits
 from cogrip.server.ports.wave_port import WavePort
 

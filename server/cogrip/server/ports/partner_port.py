@@ -5,11 +5,11 @@ each on all axes: the hand's stiffness, the energy that it has donated, and when
 the object's place and velocity, then for each seat intention, rate, stiffness, energy and time, in this hand's frame.
 """
 
+from cogrip.machine.rows import Row
 from cogrip.protocol.laws.partner_model import ahead
 from cogrip.protocol.settings.seat import SeatSettings
 from cogrip.protocol.wire.clock import MessageClock
 from cogrip.protocol.wire.messages import Intent, Partner, encode
-from cogrip.server.ports.port import Row
 from cogrip.server.ports.seat_limits import PowerBucket, SeatLimits
 from cogrip.server.ports.state_port import LatestStatePort
 

@@ -3,6 +3,7 @@
 from math import inf
 from typing import Any
 
+from cogrip.machine.rows import Row
 from cogrip.protocol.line.energy_reserve import EnergyReserve
 from cogrip.protocol.line.energy_sums import rounding_fraction
 from cogrip.protocol.line.latest_state import StateReceiver
@@ -15,7 +16,6 @@ from cogrip.protocol.wire.button_edges import EdgeReceiver
 from cogrip.protocol.wire.clock import MessageClock
 from cogrip.server.ports.seat_limits import SeatLimits
 
-Row = tuple[float, ...]
 Turned = tuple[Row, Row]
 """Rotation vector of a hand, and the angle that it has travelled since its first frame, each [rad], shape (3,)."""
 

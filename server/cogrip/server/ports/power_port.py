@@ -10,12 +10,12 @@ Per axis, energies in J: F force of the coupling [N], w velocity of the proxy [m
 """
 
 from cogrip.machine.addition import add_floats
+from cogrip.machine.rows import Row
 from cogrip.protocol.laws.passivity_control import CHARGE_DOWN_J, LENT_J
 from cogrip.protocol.line.energy_sums import CompensatedSum
 from cogrip.protocol.settings.seat import SeatSettings
 from cogrip.protocol.wire.clock import MessageClock
 from cogrip.protocol.wire.messages import Power, encode
-from cogrip.server.ports.port import Row
 from cogrip.server.ports.seat_limits import LineEnergyLimiter, SeatLimits
 from cogrip.server.ports.state_port import LatestStatePort
 

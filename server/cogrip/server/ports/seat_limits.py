@@ -18,6 +18,7 @@ from sys import float_info
 import msgspec
 
 from cogrip.machine.addition import add_floats
+from cogrip.machine.rows import Row
 from cogrip.protocol.laws.waves import wave_of
 from cogrip.protocol.settings.sections import REMOTE, Settings
 from cogrip.protocol.settings.tool_frame import ToolFrame
@@ -28,7 +29,6 @@ BURST_S = 0.25  # time whose power a seat may bring in at once
 LARGEST = float_info.max  # largest finite bound; inf stands for none, which compiled code compares as an object
 MOST_S = 2.0  # longest time between two states in which a hand may have moved
 FASTER = 1.01  # factor by which a sender's clock may be faster than ours
-Row = tuple[float, ...]
 
 
 class ClaimedRecord(msgspec.Struct, frozen=True):

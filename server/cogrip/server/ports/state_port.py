@@ -2,11 +2,12 @@
 
 from typing import Generic, TypeVar
 
+from cogrip.machine.rows import Row
 from cogrip.protocol.line.latest_state import StateReceiver
 from cogrip.protocol.settings.seat import SeatSettings
 from cogrip.protocol.wire.clock import MessageClock
 from cogrip.protocol.wire.messages import Latest, State, encode
-from cogrip.server.ports.port import Port, Row
+from cogrip.server.ports.port import Port
 from cogrip.server.ports.seat_limits import SeatLimits, StateLimiter
 
 M = TypeVar("M", bound=Latest)

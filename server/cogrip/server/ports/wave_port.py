@@ -2,6 +2,7 @@
 
 from typing import TypeVar
 
+from cogrip.machine.rows import Row
 from cogrip.protocol.axes import PLACES, POSE_AXES
 from cogrip.protocol.line.energy_sums import CompensatedSum
 from cogrip.protocol.line.line_in_use import ImpedanceChanges
@@ -16,7 +17,7 @@ from cogrip.protocol.settings.seat import SeatSettings
 from cogrip.protocol.wire.accounts import PlayoutAccount
 from cogrip.protocol.wire.clock import MessageClock
 from cogrip.protocol.wire.messages import Waves
-from cogrip.server.ports.port import Port, Row, Turned
+from cogrip.server.ports.port import Port, Turned
 from cogrip.server.ports.seat_limits import SeatLimits, WaveLimiter
 
 T = TypeVar("T")

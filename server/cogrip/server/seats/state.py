@@ -4,9 +4,9 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from cogrip.machine.rows import Row
 from cogrip.protocol.wire.accounts import LinkCount, SeatAccount
 from cogrip.server.checkpoint import CheckpointError, RoomCheckpoint
-from cogrip.server.ports.port import Row
 from cogrip.server.seats.participants import Seat
 from cogrip.server.worlds.departures import put_back_text
 from cogrip.server.worlds.world import World, WorldError, check_saved

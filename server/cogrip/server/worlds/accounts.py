@@ -6,7 +6,7 @@ from typing import Any, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-Row = tuple[float, ...]
+from cogrip.machine.rows import Row
 
 
 class Springs(Protocol):

@@ -12,11 +12,12 @@ from typing import Any
 
 import numpy as np
 
+from cogrip.machine.rows import Row
 from cogrip.protocol.axes import PLACES, POSE_AXES
 from cogrip.protocol.laws.rotations import Quaternion, between, exp, log, product
 from cogrip.server.worlds.guarded import LEAST_J, MOST_HELD_J, MOST_SAVED, MOST_WAVE
 from cogrip.server.worlds.orientation_drift import SHARE
-from cogrip.server.worlds.world import Array, Row, World, WorldError, displacement, dot
+from cogrip.server.worlds.world import Array, World, WorldError, displacement, dot
 
 SESSIONS = 12
 FRAMES = 640  # number of frames of a session: 5 s at 128 Hz

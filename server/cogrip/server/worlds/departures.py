@@ -8,8 +8,8 @@ from collections.abc import Sequence
 from math import hypot, isfinite
 from typing import TYPE_CHECKING, Any, NamedTuple
 
+from cogrip.machine.rows import Row
 from cogrip.protocol.axes import PLACES
-from cogrip.server.worlds.world_step import Row
 
 if TYPE_CHECKING:
     from cogrip.server.worlds.world import World

@@ -12,10 +12,11 @@ from typing import ClassVar
 import numpy as np
 
 from cogrip.machine.addition import add_floats
+from cogrip.machine.rows import Row
 from cogrip.protocol.settings.seat import SeatSettings
 from cogrip.server.worlds.accounts import Accounts
 from cogrip.server.worlds.grip_step import GripStep
-from cogrip.server.worlds.world import MOST_SAVED_J, Array, Row, World, dot
+from cogrip.server.worlds.world import MOST_SAVED_J, Array, World, dot
 from cogrip.server.worlds.world_step import WorldStep
 
 

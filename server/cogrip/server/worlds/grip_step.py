@@ -9,9 +9,10 @@ from array import array
 from collections.abc import Sequence
 from typing import Any
 
+from cogrip.machine.rows import Row
 from cogrip.protocol.axes import PLACES
 from cogrip.protocol.settings.effects import Effect
-from cogrip.server.worlds.world_step import REACH_M, WORKSPACE_M, Row, WorldStep
+from cogrip.server.worlds.world_step import REACH_M, WORKSPACE_M, WorldStep
 
 RAMP_S = 0.3  # time in which a newcomer's stiffness grows, energy permitting
 

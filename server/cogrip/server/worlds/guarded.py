@@ -15,6 +15,7 @@ from typing import Any, TypeVar
 import msgspec
 import numpy as np
 
+from cogrip.machine.rows import Row
 from cogrip.protocol.axes import PLACES
 from cogrip.protocol.drawing import MOST_SHAPES, Shape
 from cogrip.protocol.laws.rotations import exp
@@ -26,7 +27,7 @@ from cogrip.server.worlds.drawing import Drawing
 from cogrip.server.worlds.energy_limiter import EnergyLimiter
 from cogrip.server.worlds.orientation_drift import DriftCorrection
 from cogrip.server.worlds.tool_world import ToolWorld
-from cogrip.server.worlds.world import REACH_M, Array, Row, World, WorldError, dot
+from cogrip.server.worlds.world import REACH_M, Array, World, WorldError, dot
 
 T = TypeVar("T")
 

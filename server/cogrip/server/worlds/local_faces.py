@@ -13,9 +13,10 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from cogrip.machine.rows import Row
 from cogrip.protocol.settings.seat import SeatSettings
 from cogrip.protocol.settings.sections import REMOTE_FORCE_N
-from cogrip.server.worlds.world import Array, HandWorld, Row, dot
+from cogrip.server.worlds.world import Array, HandWorld, dot
 
 
 class LocalFacesWorld(HandWorld):

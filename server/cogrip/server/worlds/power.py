@@ -27,8 +27,9 @@ from typing import NamedTuple
 import numpy as np
 
 from cogrip.machine.addition import add_floats
+from cogrip.machine.rows import Row
 from cogrip.protocol.settings.seat import SeatSettings
-from cogrip.server.worlds.world import Array, HandWorld, Row
+from cogrip.server.worlds.world import Array, HandWorld
 
 DRIFT_SHARE = 0.125  # share of the way from proxy to hand that is asked for in one frame
 DRIFT_MPS = 0.1  # largest speed that is asked for on the way from proxy to hand

@@ -2,7 +2,7 @@
 
 from typing import Any
 
-Row = tuple[float, ...]
+from cogrip.machine.rows import Row
 
 
 class Progress:

@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cogrip.machine.addition import add_integers
+from cogrip.machine.rows import Row as Row
 from cogrip.protocol.axes import PLACES, POSE_AXES
 from cogrip.protocol.foreign_file import ForeignFileError
 from cogrip.protocol.laws.rotations import between, exp
@@ -23,7 +24,6 @@ from cogrip.server.worlds.drawing import Drawing
 from cogrip.server.worlds.progress import Progress
 from cogrip.server.worlds.world_step import REACH_M as REACH_M
 from cogrip.server.worlds.world_step import WORKSPACE_M as WORKSPACE_M
-from cogrip.server.worlds.world_step import Row as Row
 from cogrip.server.worlds.world_step import WorldStep
 
 Array = NDArray[np.float64]

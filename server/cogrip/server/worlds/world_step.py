@@ -7,9 +7,8 @@ calls without an object for each number.
 from collections.abc import Sequence
 from typing import Any
 
+from cogrip.machine.rows import Row
 from cogrip.protocol.settings.effects import Effect
-
-Row = tuple[float, ...]
 
 WORKSPACE_M = 0.5  # distance beyond which the object has left the room
 REACH_M = 2.0  # distance beyond which no hand reaches the object: it is put back

@@ -15,6 +15,7 @@ from typing import Any
 
 import numpy as np
 
+from cogrip.machine.rows import Row
 from cogrip.protocol.axes import PLACES
 from cogrip.protocol.drawing import Shape
 from cogrip.protocol.settings.seat import SeatSettings
@@ -26,7 +27,7 @@ from cogrip.server.worlds.scenes.scene import SceneWorld
 from cogrip.server.worlds.scenes.scene_drawing import SceneDrawing
 from cogrip.server.worlds.scenes.scene_file import Scene
 from cogrip.server.worlds.scenes.scene_text import SceneError
-from cogrip.server.worlds.world import Array, Row, check_saved
+from cogrip.server.worlds.world import Array, check_saved
 
 RELEASE_S = 0.25
 MOST_ADVANCES = 8  # most advances of a tool to its proxy in a frame, each as far as it is clear

@@ -26,6 +26,7 @@ from typing import Any
 import mujoco  # type: ignore[import-untyped]
 import numpy as np
 
+from cogrip.machine.rows import Row
 from cogrip.protocol.axes import GRIP_AXES, PLACES
 from cogrip.protocol.laws.rotations import log
 from cogrip.protocol.settings.seat import SeatSettings
@@ -45,7 +46,7 @@ from cogrip.server.worlds.scenes.scene_state import SceneEnergy, check_memory, c
 from cogrip.server.worlds.scenes.turning_ports import TurningPorts
 from cogrip.server.worlds.scenes.velocity_forces import VelocityForces
 from cogrip.server.worlds.scenes.warm_start import WarmStart
-from cogrip.server.worlds.world import Array, Row, World, WorldError, check_saved, dot
+from cogrip.server.worlds.world import Array, World, WorldError, check_saved, dot
 
 _STATE = mujoco.mjtState.mjSTATE_INTEGRATION
 

@@ -7,6 +7,7 @@ import mujoco  # type: ignore[import-untyped]
 import numpy as np
 from numpy.typing import NDArray
 
+from cogrip.machine.rows import Row
 from cogrip.protocol.settings.task import Task
 from cogrip.server.worlds.accounts import ToolAccounts
 from cogrip.server.worlds.energy_limiter import EnergyLimiter
@@ -14,8 +15,6 @@ from cogrip.server.worlds.progress import Progress
 from cogrip.server.worlds.scenes.scene_contacts import SceneContacts, Touch
 from cogrip.server.worlds.scenes.scene_file import Scene, body_of
 from cogrip.server.worlds.scenes.task_watch import ADDED, TaskWatch
-
-Row = tuple[float, ...]
 
 
 class Told(Protocol):

@@ -6,10 +6,11 @@ import mujoco  # type: ignore[import-untyped]
 import numpy as np
 from numpy.typing import NDArray
 
+from cogrip.machine.rows import Row
 from cogrip.server.worlds.departures import put_back_text
 from cogrip.server.worlds.scenes.scene_file import Scene
 from cogrip.server.worlds.world import Array
-from cogrip.server.worlds.world_step import REACH_M, WORKSPACE_M, Row
+from cogrip.server.worlds.world_step import REACH_M, WORKSPACE_M
 
 _POSE, _RATES = 7, 6  # coordinates and rates of a free joint
 

@@ -4,12 +4,12 @@ import mujoco  # type: ignore[import-untyped]
 import numpy as np
 from numpy.typing import NDArray
 
+from cogrip.machine.rows import Row
 from cogrip.protocol.axes import PLACES, POSE_AXES
 from cogrip.protocol.laws.rotations import UNTURNED, exp, inverse, log, product, turned
 from cogrip.server.worlds.scenes.scene_file import Scene
 
 Array = NDArray[np.float64]
-Row = tuple[float, ...]
 
 
 class SceneObject:

@@ -17,12 +17,13 @@ import mujoco  # type: ignore[import-untyped]
 import numpy as np
 from numpy.typing import NDArray
 
+from cogrip.machine.rows import Row
 from cogrip.protocol.settings.object_kinds import PYTHON, shared_kind, split_python
 from cogrip.protocol.texts import shown
 from cogrip.server.worlds.guarded import called
 from cogrip.server.worlds.registry import WorldKindError, class_in
 from cogrip.server.worlds.scenes.scene_text import listed
-from cogrip.server.worlds.world import Row, WorldError, check_saved, dot
+from cogrip.server.worlds.world import WorldError, check_saved, dot
 
 Array = NDArray[np.float64]
 MOST_MPS = 2.5  # largest speed of a mocap body: at it no contact is found late

@@ -16,8 +16,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cogrip.machine.addition import add_integers
+from cogrip.machine.rows import Row
 
-Row = tuple[float, ...]
 Array = NDArray[np.float64]
 MOST_ITERATIONS = 20
 TOLERANCE = 1e-8  # largest change of w in an iteration after which it ends, as a share of 1 and of the fastest velocity

@@ -9,7 +9,7 @@ import mujoco  # type: ignore[import-untyped]
 import numpy as np
 from numpy.typing import NDArray
 
-Row = tuple[float, ...]
+from cogrip.machine.rows import Row
 
 
 class WarmStart:
