@@ -34,8 +34,8 @@ PRELOADED = (
     *(f"cogrip.cli.session.{each}" for each in ("demo", "gateway", "join", "lab", "relay", "serve", "view")),
     *(f"cogrip.cli.devices.{each}" for each in ("calibrate", "check", "conform", "emulate")),
     *(f"cogrip.cli.admin.{each}" for each in ("kick", "token_list", "token_new", "token_revoke", "who")),
-    *(f"cogrip.devices.{each}.family" for each in ("emulated", "haply", "hid", "serial")),
-    "cogrip.devices.io.serial_line", "cogrip.devices.simulated.catalogue", "cogrip.devices.simulated.phantom",
+    *(f"cogrip.devices.family.{each}" for each in ("emulated", "haply", "hid", "serial")),
+    "cogrip.devices.io.serial_line", "cogrip.devices.family.simulated", "cogrip.devices.simulated.phantom",
     "cogrip.protocol.io.dtls_client", "cogrip.server.io.dtls_channel",
     "cogrip.protocol.recording.writer", "cogrip.view.io.page_server", "numpy.polynomial", "rich._unicode_data",
 )  # fmt: skip

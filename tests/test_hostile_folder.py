@@ -28,7 +28,7 @@ ONE_PLOT = "from cogrip.results.plots import registry\nregistry.PLOTS = registry
 AT_ONCE = "import os, cogrip.cli.runs.replay as at\nat.WORTH_WORKERS_BYTES, os.cpu_count = 0, lambda: 2\n"
 GUARD = """
 import os, pty, tty
-from cogrip.devices.haply.family import goodbye
+from cogrip.devices.family.haply import goodbye
 from cogrip.devices.haply.frames import HaplyCodec
 from cogrip.devices.haply.models import MODELS
 from cogrip.devices.io.guarded_line import GuardedLine

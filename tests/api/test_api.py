@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 
 import cogrip.api as cogrip
-from cogrip.devices.simulated import catalogue
-from cogrip.devices.simulated.catalogue import HandKind
+from cogrip.devices.family import simulated as catalogue
+from cogrip.devices.family.simulated import HandKind
 from cogrip.devices.simulated.hands import ImpedanceSettings, make_hold
 from cogrip.sim.laboratory import Laboratory
 

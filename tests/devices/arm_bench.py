@@ -9,8 +9,8 @@ from cogrip.devices.emulated.emulated_device import EmulatedDevice, Notebook
 from cogrip.devices.emulated.emulated_line import EmulatedLine
 from cogrip.devices.emulated.firmware import Firmware
 from cogrip.devices.emulated.hfab_firmware import HfabFirmware
-from cogrip.devices.emulated.machines import make_firmware
-from cogrip.devices.serial.family import drive
+from cogrip.devices.family.machines import make_firmware
+from cogrip.devices.family.serial import drive
 from cogrip.devices.settings import parse_address
 
 RATE_HZ = 1024

@@ -9,7 +9,7 @@ from collections.abc import Callable
 from itertools import count
 
 from cogrip.devices.emulated.haply_firmware import HaplyFirmware
-from cogrip.devices.emulated.machines import make_firmware
+from cogrip.devices.family.machines import make_firmware
 from cogrip.devices.settings import parse_address
 
 from tests.fair_time import FairTime

@@ -6,8 +6,8 @@ from pathlib import Path
 
 from cogrip.devices.arm.driver import ArmDevice
 from cogrip.devices.emulated.emulated_device import Notebook
+from cogrip.devices.family.hid import drive
 from cogrip.devices.hid.enumeration import VARIANTS
-from cogrip.devices.hid.family import drive
 from cogrip.devices.io.hid_line import HidLine
 from cogrip.devices.settings import parse_address
 

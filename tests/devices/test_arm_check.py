@@ -12,8 +12,8 @@ from cogrip.devices.arm.exchange import RequestExchange
 from cogrip.devices.device import DeviceError
 from cogrip.devices.emulated.emulated_line import EmulatedLine
 from cogrip.devices.emulated.hfab_firmware import HfabFirmware
-from cogrip.devices.emulated.machines import make_firmware
 from cogrip.devices.emulated.mechanics import Mechanics
+from cogrip.devices.family.machines import make_firmware
 from cogrip.devices.io import arm_check
 from cogrip.devices.io.arm_check import MOST_TEST_MA, ArmCheck
 from cogrip.devices.serial.frames import MODELS as NUMBERS

@@ -9,9 +9,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from cogrip.devices import DeviceError, describe, families, make
+from cogrip.devices.family.simulated import HANDS
 from cogrip.devices.registry import FAMILIES, axes_of
 from cogrip.devices.settings import parse_address
-from cogrip.devices.simulated.catalogue import HANDS
 
 from tests.devices.held_device import opened, refused
 

@@ -18,7 +18,7 @@ from cogrip.devices.emulated.emulated_line import EmulatedLine
 from cogrip.devices.emulated.faults import VERBS, Faults
 from cogrip.devices.emulated.haply_firmware import HaplyFirmware, Joint
 from cogrip.devices.emulated.mechanics import HeldTip, Mechanics
-from cogrip.devices.haply.family import drive
+from cogrip.devices.family.haply import drive
 from cogrip.devices.haply.frames import HaplyCodec
 from cogrip.devices.haply.haply_device import HaplyDevice
 from cogrip.devices.haply.models import MODELS, HaplySettings, model_of

@@ -16,9 +16,9 @@ import pytest
 from msgspec.structs import replace
 
 from cogrip.devices import DeviceError
+from cogrip.devices.family.haply import goodbye
+from cogrip.devices.family.haply import make as make_haply
 from cogrip.devices.haply import line
-from cogrip.devices.haply.family import goodbye
-from cogrip.devices.haply.family import make as make_haply
 from cogrip.devices.haply.frames import HaplyCodec
 from cogrip.devices.haply.models import MODELS
 from cogrip.devices.io import guarded_line
@@ -46,7 +46,7 @@ from itertools import count, repeat
 from math import inf
 from cogrip.devices import DeviceError
 from cogrip.devices.emulated.emulated_device import Notebook
-from cogrip.devices.haply.family import drive, goodbye, make
+from cogrip.devices.family.haply import drive, goodbye, make
 from cogrip.devices.haply.frames import HaplyCodec
 from cogrip.devices.haply.models import MODELS
 from cogrip.devices.haply import line

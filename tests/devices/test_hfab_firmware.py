@@ -13,7 +13,7 @@ from cogrip.devices.device import DeviceError
 from cogrip.devices.emulated.faults import VERBS, Faults
 from cogrip.devices.emulated.firmware import JUMP_COUNTS
 from cogrip.devices.emulated.hfab_firmware import IDLE_PWM, LONGEST, MOST_MA, WATCHDOG_NS, HfabFirmware
-from cogrip.devices.emulated.machines import make_firmware
+from cogrip.devices.family.machines import make_firmware
 from cogrip.devices.serial.frames import MODELS as NUMBERS
 from cogrip.devices.serial.frames import BracketCodec
 from cogrip.devices.settings import parse_address

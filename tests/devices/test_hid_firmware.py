@@ -13,7 +13,8 @@ from cogrip.devices.emulated.emulated_line import EmulatedLine
 from cogrip.devices.emulated.faults import Faults
 from cogrip.devices.emulated.hid_firmware import BYTES, WATCHDOG_NS, HidFirmware
 from cogrip.devices.emulated.mechanics import HeldTip, Mechanics
-from cogrip.devices.hid.family import ARMS, NAMES, drive
+from cogrip.devices.family.hid import drive
+from cogrip.devices.hid.models import ARMS, NAMES
 from cogrip.devices.registry import make
 from cogrip.devices.settings import parse_address
 

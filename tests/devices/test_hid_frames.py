@@ -8,9 +8,10 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from cogrip.devices.device import DeviceError
+from cogrip.devices.family.hid import family, make
 from cogrip.devices.hid.enumeration import MOST_LISTED, USAGE, VARIANTS, Found, choose
-from cogrip.devices.hid.family import NAMES, family, make
 from cogrip.devices.hid.frames import CODECS
+from cogrip.devices.hid.models import NAMES
 from cogrip.devices.settings import parse_address
 
 from tests.devices.held_device import refused

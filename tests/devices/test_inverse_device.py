@@ -10,9 +10,9 @@ from hypothesis import strategies as st
 from cogrip.devices import DeviceError, Sample
 from cogrip.devices.emulated.emulated_device import EmulatedDevice
 from cogrip.devices.emulated.inverse_service import InverseService
-from cogrip.devices.emulated.machines import make_firmware
-from cogrip.devices.inverse.family import CENTRE_M
+from cogrip.devices.family.machines import make_firmware
 from cogrip.devices.inverse.messages import InverseCodec
+from cogrip.devices.inverse.models import CENTRE_M
 
 from tests.devices import held_device
 from tests.devices.held_device import RATE_HZ

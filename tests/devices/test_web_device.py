@@ -12,8 +12,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from cogrip.devices import DeviceError, make
+from cogrip.devices.family.web import public
 from cogrip.devices.io.pointer_socket import PointerSocket
-from cogrip.devices.web.family import public
 from cogrip.devices.web.hand import BURST_S, RELEASE_S, SILENCE_S, SPEED_MPS, STRETCH_N, PointerSettings
 from cogrip.devices.web.messages import FrameError, Pointer, decode_own_hand, decode_pointer, encode_pointer
 from cogrip.devices.web.web_device import WebDevice, WebSettings

@@ -15,7 +15,7 @@ import pytest
 
 import cogrip.api as cogrip
 from cogrip.cli.study.study_source import load_study
-from cogrip.devices.simulated.catalogue import GROUP
+from cogrip.devices.family.simulated import GROUP
 from cogrip.experiments.study.study_file import read_study
 from cogrip.server.worlds.registry import ALLOWED
 

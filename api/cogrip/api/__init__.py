@@ -24,7 +24,7 @@ from cogrip.api.runs import Run, open_run, run
 from cogrip.api.session import Session, watch
 from cogrip.api.settings import settings
 from cogrip.devices.device import Capability, Device, DeviceError, Sample
-from cogrip.devices.simulated.catalogue import register_hand
+from cogrip.devices.family.simulated import register_hand
 from cogrip.devices.simulated.hands import Hand
 from cogrip.protocol.settings.sections import Settings
 

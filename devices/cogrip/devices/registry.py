@@ -10,18 +10,18 @@ from cogrip.devices.device import Capability, Device, DeviceError, defects_named
 from cogrip.devices.settings import MOST_AXES, Address, Setting, parse_address, unknown
 
 FAMILIES: dict[str, str] = {
-    "emulated": "cogrip.devices.emulated.family:family",
-    "forcedimension": "cogrip.devices.forcedimension.family:family",
-    "gamepad": "cogrip.devices.steered.family:gamepad_family",
-    "haply": "cogrip.devices.haply.family:family",
-    "hid": "cogrip.devices.hid.family:family",
-    "inverse": "cogrip.devices.inverse.family:family",
-    "openhaptics": "cogrip.devices.openhaptics.family:family",
-    "replay": "cogrip.devices.replayed.family:family",
-    "serial": "cogrip.devices.serial.family:family",
-    "sim": "cogrip.devices.simulated.catalogue:family",
-    "spacemouse": "cogrip.devices.steered.family:spacemouse_family",
-    "web": "cogrip.devices.web.family:family",
+    "emulated": "cogrip.devices.family.emulated:family",
+    "forcedimension": "cogrip.devices.family.forcedimension:family",
+    "gamepad": "cogrip.devices.family.steered:gamepad_family",
+    "haply": "cogrip.devices.family.haply:family",
+    "hid": "cogrip.devices.family.hid:family",
+    "inverse": "cogrip.devices.family.inverse:family",
+    "openhaptics": "cogrip.devices.family.openhaptics:family",
+    "replay": "cogrip.devices.family.replayed:family",
+    "serial": "cogrip.devices.family.serial:family",
+    "sim": "cogrip.devices.family.simulated:family",
+    "spacemouse": "cogrip.devices.family.steered:spacemouse_family",
+    "web": "cogrip.devices.family.web:family",
 }
 """scheme -> "module:function"; the function takes nothing and gives a `Family`."""
 

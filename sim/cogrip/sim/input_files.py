@@ -8,8 +8,8 @@ from pathlib import Path
 
 from cogrip.devices.device import DeviceError
 from cogrip.devices.for_user import address_of
-from cogrip.devices.recorded_motion import find, split_user
 from cogrip.devices.settings import parse_address
+from cogrip.devices.simulated.recorded_motion import find, split_user
 from cogrip.protocol.settings.object_kinds import PYTHON, split_python
 from cogrip.protocol.settings.sections import Settings
 from cogrip.server.worlds.scenes.scene_text import SceneError, read_scene

@@ -10,7 +10,7 @@ from typing import Literal
 from cogrip.cli.terminal.output import make_console
 from cogrip.cli.terminal.problem import BadInput, Problem, within
 from cogrip.devices.device import DeviceError
-from cogrip.devices.emulated.machines import MACHINES, make_firmware
+from cogrip.devices.family.machines import MACHINES, make_firmware
 from cogrip.devices.io.platform import PSEUDO_TERMINALS, SEQUENCED
 from cogrip.devices.io.pseudo_terminal import PseudoTerminal
 from cogrip.devices.io.report_socket import ReportSocket, is_socket

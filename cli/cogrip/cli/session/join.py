@@ -39,8 +39,8 @@ from cogrip.client.io.paths import JoinError, RefusedError
 from cogrip.client.loop import LiveClient, SessionEnded
 from cogrip.client.seat.rendered_damper import OverloadError
 from cogrip.devices.device import DeviceError
+from cogrip.devices.family.web import public
 from cogrip.devices.simulated.simulated_device import SimulatedDevice
-from cogrip.devices.web.family import public
 from cogrip.machine.stop import Stop, on_signals
 from cogrip.protocol.settings.digest import digest
 from cogrip.protocol.settings.seat import SeatSettings

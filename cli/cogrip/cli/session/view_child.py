@@ -14,7 +14,7 @@ from typing import Self
 
 from cogrip.cli.session.front_ends import front_ends
 from cogrip.cli.terminal.problem import BadInput, Problem, within
-from cogrip.devices.web.family import NAMES
+from cogrip.devices.family.web import NAMES
 from cogrip.machine.platform import system
 
 END_LIMIT_S = 3.0

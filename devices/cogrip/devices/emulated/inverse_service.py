@@ -14,7 +14,7 @@ from cogrip.devices.arm.motors import CableDrive
 from cogrip.devices.emulated.faults import Faults
 from cogrip.devices.emulated.firmware import Firmware
 from cogrip.devices.emulated.mechanics import Mechanics
-from cogrip.devices.inverse.family import CENTRE_M, RECORD
+from cogrip.devices.inverse.models import CENTRE_M, RECORD
 
 IDLE_NS = 500_000_000
 VELOCITY_NS = 5_000_000  # A velocity is the mean over this time.

@@ -12,8 +12,8 @@ from serial.tools.list_ports_common import ListPortInfo
 from cogrip.devices.device import DeviceError
 from cogrip.devices.haply.models import MODELS as HAPLY_MODELS
 from cogrip.devices.hid.enumeration import VARIANTS, Found, Variant, choose
-from cogrip.devices.hid.family import NAMES as HID_NAMES
-from cogrip.devices.inverse.family import DEFAULT as INVERSE_SERVICE
+from cogrip.devices.hid.models import NAMES as HID_NAMES
+from cogrip.devices.inverse.models import DEFAULT as INVERSE_SERVICE
 from cogrip.devices.io.event_file import found_gamepads
 from cogrip.devices.io.hid_line import found_devices, load_hidapi
 from cogrip.devices.io.hid_reports import MULTI_AXIS

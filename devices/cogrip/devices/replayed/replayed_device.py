@@ -13,9 +13,9 @@ from msgspec import Meta
 
 from cogrip.devices.device import Capability, DeviceError, Sample
 from cogrip.devices.driver import Driver
-from cogrip.devices.recorded_motion import NO_HANDLE, Array, HandleSample
 from cogrip.devices.settings import NotNegative
 from cogrip.devices.simulated.recorded_hand import minimum_jerk
+from cogrip.devices.simulated.recorded_motion import NO_HANDLE, Array, HandleSample
 
 MOST_SPEED = 10.0
 

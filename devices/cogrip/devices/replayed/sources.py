@@ -6,11 +6,11 @@ import msgspec
 import numpy as np
 
 from cogrip.devices.device import IDEAL_DAMPING_NSPM, IDEAL_SPEED_MPS, IDEAL_STIFFNESS_NPM, SLEW_NPS, Capability
-from cogrip.devices.recorded_motion import Array, HandleSample, capability_of, find, read_motion
 from cogrip.devices.replayed.replayed_device import PlaySettings
 from cogrip.devices.settings import keys_of
 from cogrip.devices.simulated.hands import ImpedanceSettings
 from cogrip.devices.simulated.recorded_hand import read_recording
+from cogrip.devices.simulated.recorded_motion import Array, HandleSample, capability_of, find, read_motion
 from cogrip.devices.simulated.recorded_settings import RecordedSettings
 
 

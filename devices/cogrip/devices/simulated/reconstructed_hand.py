@@ -11,8 +11,8 @@ from collections.abc import Sequence
 import numpy as np
 
 from cogrip.devices.device import DeviceError
-from cogrip.devices.recorded_motion import Array, capability_of, find, read_motion, split_user
 from cogrip.devices.simulated.hands import ImpedanceSettings, Vector
+from cogrip.devices.simulated.recorded_motion import Array, capability_of, find, read_motion, split_user
 
 SMOOTH_S = 0.03
 

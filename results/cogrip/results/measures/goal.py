@@ -9,8 +9,8 @@ from math import dist
 import msgspec
 
 from cogrip.devices.device import DeviceError
+from cogrip.devices.family.simulated import make as make_simulated
 from cogrip.devices.settings import parse_address
-from cogrip.devices.simulated.catalogue import make as make_simulated
 from cogrip.devices.simulated.simulated_device import SimulatedDevice
 from cogrip.protocol.axes import PLACES
 

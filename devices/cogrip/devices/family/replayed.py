@@ -18,7 +18,7 @@ def axes(address: Address) -> int:
     """Return the number of recorded axes. Raises DeviceError."""
     if address.name.endswith(".csv"):
         return 1 + max((place for place, key in enumerate("xyz") if key in address.query), default=0)
-    from cogrip.devices.recorded_motion import axes_of, find  # with numpy, as below
+    from cogrip.devices.simulated.recorded_motion import axes_of, find  # with numpy, as below
 
     return axes_of(find(address.name, address.query.get("user", "0")))
 

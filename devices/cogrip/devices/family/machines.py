@@ -17,16 +17,16 @@ from cogrip.devices.emulated.hid_firmware import HidFirmware
 from cogrip.devices.emulated.inverse_service import MODEL as INVERSE3
 from cogrip.devices.emulated.inverse_service import InverseService
 from cogrip.devices.emulated.mechanics import HeldTip, Mechanics
-from cogrip.devices.haply.family import drive as drive_haply
+from cogrip.devices.family.haply import drive as drive_haply
+from cogrip.devices.family.hid import drive as drive_hid
+from cogrip.devices.family.inverse import InverseSettings
+from cogrip.devices.family.inverse import drive as drive_inverse
+from cogrip.devices.family.serial import SerialSettings
+from cogrip.devices.family.serial import drive as drive_serial
 from cogrip.devices.haply.models import MODELS as HAPLY
 from cogrip.devices.haply.models import HaplySettings
-from cogrip.devices.hid.family import ARMS as HID_ARMS
-from cogrip.devices.hid.family import drive as drive_hid
-from cogrip.devices.inverse.family import InverseSettings
-from cogrip.devices.inverse.family import drive as drive_inverse
+from cogrip.devices.hid.models import ARMS as HID_ARMS
 from cogrip.devices.registry import make
-from cogrip.devices.serial.family import SerialSettings
-from cogrip.devices.serial.family import drive as drive_serial
 from cogrip.devices.serial.frames import MODELS as SERIAL_NUMBERS
 from cogrip.devices.settings import Address, Setting, keys_of
 from cogrip.devices.simulated.simulated_device import SimulatedDevice

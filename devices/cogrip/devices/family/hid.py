@@ -7,16 +7,14 @@ from typing import Literal
 from cogrip.devices.arm.driver import ArmDevice
 from cogrip.devices.arm.exchange import ByteLine, RequestExchange
 from cogrip.devices.arm.model import ArmModel, ArmSettings
-from cogrip.devices.arm.models import MODELS
 from cogrip.devices.arm.pose import Store
 from cogrip.devices.device import Device
 from cogrip.devices.hid.enumeration import VARIANTS
 from cogrip.devices.hid.frames import CODECS
+from cogrip.devices.hid.models import ARMS, NAMES
 from cogrip.devices.registry import Family
 from cogrip.devices.settings import Address, Setting, check_axes, read_query, unknown
 
-ARMS = {name.removesuffix("-hid"): model for name, model in MODELS.items() if model.record.family == "hid"}
-NAMES = tuple(ARMS)
 NO_FORCE_N = 1e-9  # least force that a record can state, for a device that gives none
 NO_LIMIT_MA = (0.0, 0.0, 0.0)
 

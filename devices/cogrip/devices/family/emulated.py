@@ -10,8 +10,8 @@ from cogrip.devices.device import Device, DeviceError
 from cogrip.devices.emulated.emulated_device import EmulatedDevice, Notebook, Planned
 from cogrip.devices.emulated.emulated_line import EmulatedLine
 from cogrip.devices.emulated.faults import VERBS
-from cogrip.devices.emulated.machines import MACHINES, EmulatedMachine, make_firmware
 from cogrip.devices.emulated.mechanics import Mechanics
+from cogrip.devices.family.machines import MACHINES, EmulatedMachine, make_firmware
 from cogrip.devices.registry import Family
 from cogrip.devices.settings import Address, Setting, unknown
 
