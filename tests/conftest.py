@@ -9,6 +9,7 @@ import gc
 import importlib
 import os
 import signal
+import sys
 import threading
 from collections import defaultdict
 from contextlib import suppress
@@ -42,6 +43,10 @@ for _name, _examples in EXAMPLES.items():
     settings.register_profile(
         _name, deadline=None, derandomize=True, max_examples=_examples, suppress_health_check=[HealthCheck.too_slow]
     )
+
+# An environment may forbid to write bytecode, as those of containers do: every process would compile all its modules anew.
+sys.dont_write_bytecode = False
+os.environ.pop("PYTHONDONTWRITEBYTECODE", None)
 
 # A shell that starts this in the background ignores Ctrl-C, nohup a hang-up; whatever is started from here would inherit it.
 if threading.current_thread() is threading.main_thread():

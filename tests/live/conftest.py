@@ -16,7 +16,8 @@ from tests.terminal import Terminal
 
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
     """These come first: they wait more than they compute, and other workers have something to do meanwhile."""
-    items.sort(key=lambda item: item.path.parent != Path(__file__).parent)
+    here = Path(__file__).parent
+    items.sort(key=lambda item: item.path.parent != here)
 
 
 class Process(Spoken):
