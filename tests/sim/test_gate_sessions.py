@@ -10,7 +10,7 @@ from tests.sim.gate_sessions import POWER_W, outcome_of
 SESSIONS = 300
 
 
-@pytest.mark.parametrize("seed", every(10, range(SESSIONS)))
+@pytest.mark.parametrize("seed", every(30, range(SESSIONS)))
 def test_honest_hands_take_no_more_than_their_budgets_and_what_liars_power_lets_pass(seed: int) -> None:
     found = outcome_of(seed)
     assert found.spare_j >= -1e-9, found

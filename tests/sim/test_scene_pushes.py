@@ -132,7 +132,7 @@ def settings_of(folder: Path, text: str, *tools: str, substeps: int = 4) -> Sett
 @pytest.mark.parametrize(
     ("name", "tools", "pushes"),
     [
-        *[(name, ("pad", "pad"), 100 if name in LINKED else 12) for name in KINDS],
+        *[(name, ("pad", "pad"), 40 if name in LINKED else 12) for name in KINDS],
         *[long(name, tools, 100) for name in KINDS for tools in (("pad", "pad"), ("ball", "box"))],
     ],
 )
@@ -164,7 +164,7 @@ def test_a_cloth_that_makes_energy_makes_none_in_more_steps(tmp_path: Path) -> N
 
 def test_a_chain_of_ball_joints_that_makes_energy_makes_none_in_more_steps(tmp_path: Path) -> None:
     text = WORSE["four ball joints"][0]
-    assert not pushed(settings_of(tmp_path, text, "ball", "box", substeps=8)).refused
+    assert not pushed(settings_of(tmp_path, text, "ball", "box", substeps=8), 40).refused
 
 
 def test_a_run_of_a_scene_that_makes_energy_by_its_own_contact_is_refused_before_it_begins(tmp_path: Path) -> None:
