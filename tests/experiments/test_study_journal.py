@@ -2,6 +2,7 @@
 
 import csv
 import shutil
+from itertools import cycle
 from pathlib import Path
 
 import pytest
@@ -86,18 +87,18 @@ def test_a_last_line_that_was_cut_anywhere_is_mended(whole: Path, tmp_path: Path
     """With and without a line end behind it, as an editor adds one, or zeros, as a loss of power does."""
     content = (whole / TRIALS).read_bytes()
     *before, last = content.splitlines(keepends=True)
-    for kept in range(1, len(last) - 1):
-        for behind in (b"", b"\n", b"\r\n", bytes(20), bytes(20) + b"\n"):
-            copy = Path(shutil.copytree(whole, tmp_path / "copy"))
-            (copy / TRIALS).write_bytes(b"".join(before) + last[:kept] + behind)
-            assert len(read_trials(copy)) == len(before)
-            folder = StudyFolder(copy, STUDY_OF_TWO, {})
-            assert folder.trials == read_trials(whole)[:-1]
-            (note,) = folder.notes
-            assert note.startswith(f"{copy / TRIALS}: its last line was cut short; it stands in trials.cut")
-            assert (copy / TRIALS).read_bytes() == b"".join(before)
-            assert (copy / "trials.cut").read_bytes() == last[:kept] + b"\n"
-            shutil.rmtree(copy)
+    ends = cycle((b"", b"\n", b"\r\n", bytes(20), bytes(20) + b"\n"))
+    for kept, behind in zip(range(1, len(last) - 1), ends, strict=False):
+        copy = Path(shutil.copytree(whole, tmp_path / "copy"))
+        (copy / TRIALS).write_bytes(b"".join(before) + last[:kept] + behind)
+        assert len(read_trials(copy)) == len(before)
+        folder = StudyFolder(copy, STUDY_OF_TWO, {})
+        assert folder.trials == read_trials(whole)[:-1]
+        (note,) = folder.notes
+        assert note.startswith(f"{copy / TRIALS}: its last line was cut short; it stands in trials.cut")
+        assert (copy / TRIALS).read_bytes() == b"".join(before)
+        assert (copy / "trials.cut").read_bytes() == last[:kept] + b"\n"
+        shutil.rmtree(copy)
 
 
 @pytest.mark.parametrize("behind", [b"", b"\0\0", b"\n\n", b"\r\n"])

@@ -17,7 +17,7 @@ from cogrip.experiments.study.staircase import Method, Staircase, estimate, next
 from cogrip.experiments.study.trial import TRANSITIONS, TrialError, TrialEvent, TrialState
 
 from tests.experiments.studies import PLAIN, parsed
-from tests.extent import every
+from tests.extent import every, long
 
 RULE = Staircase(key="k", reference=600.0, start=200.0, least=10.0, most=600.0, trials=60, question="q")
 
@@ -113,7 +113,7 @@ def test_thresholds_of_observers_that_were_not_made_from_the_fit(
     assert sum(bool(each.warnings) for each in found) <= 3
 
 
-@pytest.mark.parametrize("trials", [30, 60])
+@pytest.mark.parametrize("trials", [30, long(60)])
 def test_quest_comes_near_in_few_trials(trials: int) -> None:
     rule = replace(RULE, method="quest", trials=trials)
     found = [estimate(rule, [run_track(rule, observer(None, 0.0), seed)]) for seed in range(4)]

@@ -13,6 +13,7 @@ from cogrip.protocol.recording.reader import Follower, RecordingError, open_reco
 from cogrip.protocol.recording.records import kind_of
 from cogrip.results.reading.folder import client_recording
 
+from tests.extent import long
 from tests.live.held_arms import DEMO, until
 
 RAMP_NS = 600_000_000  # twice the ramp in which force comes back
@@ -46,7 +47,7 @@ def feels(folder: Path, name: str) -> None:
     until(felt, f"{name} feels a force")
 
 
-@pytest.mark.parametrize("workers", [1, 2])
+@pytest.mark.parametrize("workers", [1, long(2)])
 def test_everybody_is_back_soon_after_a_restart(run, tmp_path: Path, workers: int) -> None:
     state, port, configs = tmp_path / "state", "0", [DEMO]
     if workers > 1:
