@@ -47,6 +47,7 @@ def alone(text: str) -> mujoco.MjModel:
     return spec.compile()
 
 
+@pytest.mark.sample(7)
 @pytest.mark.parametrize(
     "options", ["", '<option integrator="implicitfast" timestep=".002"/>'], ids=["plain", "implicitfast"]
 )

@@ -22,6 +22,7 @@ BOX = (
 A_M, CYCLES = 0.02, 3
 
 
+@pytest.mark.sample(13)
 @pytest.mark.parametrize("kind", ["pad", "ball", "box"])
 @pytest.mark.parametrize("defaults", DEFAULTS)
 @pytest.mark.parametrize(("delay", "b", "hz"), [(0, 20.0, 1.0), (3, 20.0, 0.5), (3, 40.0, 0.5)])

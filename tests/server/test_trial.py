@@ -65,8 +65,9 @@ def test_a_small_text_takes_neither_memory_nor_processor(name: str, monkeypatch:
     with pytest.raises(SceneError, match=r"^x\.xml: .*(make it smaller|leave it out)") as caught:
         make_scene(BOMBS[name], SEATS, STEP, "x.xml")
     assert "\n" not in str(caught.value)
-    with pytest.raises(SceneError):  # nothing is kept of it
-        make_scene(BOMBS[name], SEATS, STEP, "x.xml")
+    if name in ("texture", "keys"):  # one of memory, one of processor time: nothing is kept of it
+        with pytest.raises(SceneError):
+            make_scene(BOMBS[name], SEATS, STEP, "x.xml")
 
 
 def in_a_child(parent: int, load: object, *arguments: object) -> scene_file.Scene:
