@@ -94,6 +94,7 @@ def test_positions_alone_ring_and_the_number_that_would_do_is_named() -> None:
     assert set(found.growing).isdisjoint(again.growing)
 
 
+@pytest.mark.sample(5)
 @pytest.mark.parametrize(
     "grip", ["hand_stiffness_npm=60&hand_damping_nspm=1", "hand_stiffness_npm=300&hand_damping_nspm=5"]
 )

@@ -13,6 +13,7 @@ from cogrip.cli.terminal.problem import BadInput
 from cogrip.protocol.secure.channel import UnencryptedChannel
 from cogrip.protocol.settings.room import seat_settings
 
+from tests.bench import pauses
 from tests.bench.loads.compiled import compiler_of
 from tests.bench.loads.people import Swing, make_people
 from tests.bench.loads.server import HOST, Job, Process, make_load, settings_of
@@ -58,7 +59,10 @@ def test_it_answers_each_datagram_with_its_own_and_tells_what_it_took() -> None:
 
 @needs_compiler
 @pytest.mark.skipif(sys.platform != "linux", reason="it is for Linux")
-def test_each_access_is_measured_after_each_pause(capsys: pytest.CaptureFixture[str]) -> None:
+def test_each_access_is_measured_after_each_pause(
+    capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(pauses, "ROUNDS", 20)
     assert bench_pauses(seconds=0.1, rounds=1, json="-") == 0
     printed = capsys.readouterr()
     found = json.loads(printed.out)

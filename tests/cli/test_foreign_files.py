@@ -55,6 +55,7 @@ def test_a_world_that_cannot_be_used_is_a_line(cogrip, tmp_path, name):
     assert error.count("\n") == 1
 
 
+@pytest.mark.sample(5)
 @pytest.mark.parametrize("way", [("--verify",), ("--what-if",), ("--what-if", "--set", "seed=2")])
 @pytest.mark.parametrize("what", ["a world that is not allowed", "a world that has gone", "a scene that has gone"])
 def test_a_recording_of_what_cannot_be_had_is_a_line_and_leaves_nothing(cogrip, tmp_path, monkeypatch, what, way):

@@ -91,6 +91,7 @@ def test_no_device_that_is_well_is_refused(arm: str, hand: str) -> None:
     assert tried(arm, hand).faults == ()
 
 
+@pytest.mark.sample(3)
 @pytest.mark.parametrize("arm", ARMS)
 def test_one_that_is_held_loosely_is_said_to_be_well(arm: str) -> None:
     outcome = tried(arm, SOFT)
@@ -103,6 +104,7 @@ def test_one_that_is_held_loosely_is_said_to_be_well(arm: str) -> None:
     assert all(text.startswith(("gain along", "age of samples, within 3")) for text in outcome.unknown)
 
 
+@pytest.mark.sample(3)
 @pytest.mark.parametrize("arm", ARMS)
 def test_one_that_is_held_like_a_rock_is_never_said_to_be_well(arm: str) -> None:
     text = tried(arm, RIGID).text

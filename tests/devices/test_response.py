@@ -35,6 +35,7 @@ def opened(arm: str, hand: str = "hold", fault: str = "", late_ticks: int = 0) -
     return device
 
 
+@pytest.mark.sample(9)
 @pytest.mark.parametrize(("arm", "hand"), list(product(ARMS, HANDS)))
 def test_nothing_is_wrong_with_a_device_that_is_well(arm: str, hand: str) -> None:
     assert faults(opened(arm, hand), at_once) == []

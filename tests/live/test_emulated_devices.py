@@ -146,8 +146,8 @@ def test_a_session_that_ends_in_a_fault_did_not_end_well(start, session):
 def test_no_force_is_left_of_a_client_that_was_killed(start, session, wire):
     """On a serial: line the firmware's watchdog sees to it, on a haply: one the guard process: that firmware has none."""
     hand = "reach&amplitude_m=0.01" if wire == "haply" else "reach&amplitude_m=0.02"
-    annas, bens = start.arm("anna-arm", hand, wire=wire), start.arm("ben-arm", "hold")
-    anna, ben = session.join("anna", annas.address), session.join("ben", bens.address)
+    annas = start.arm("anna-arm", hand, wire=wire)
+    anna, ben = session.join("anna", annas.address), session.join("ben", "sim:phantom?hand=hold")
     annas.pushes(True)
     anna.popen.kill()
     annas.pushes(False)
@@ -181,8 +181,8 @@ def test_an_error_in_the_loop_ends_with_no_force(start, session):
 
 @fairly
 def test_an_arm_that_vanishes_ends_a_session_that_nobody_watches(start, session):
-    annas, bens = start.arm("anna-arm", "reach&amplitude_m=0.02"), start.arm("ben-arm", "hold")
-    anna, ben = session.join("anna", annas.address), session.join("ben", bens.address)
+    annas = start.arm("anna-arm", "reach&amplitude_m=0.02")
+    anna, ben = session.join("anna", annas.address), session.join("ben", "sim:phantom?hand=hold")
     annas.pushes(True)
     annas.fault("unplug")
     assert anna.end() == 1

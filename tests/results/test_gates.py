@@ -1,7 +1,9 @@
 """The gates of partners' models, judged by what recordings show: forces times motions, and nothing that a client says."""
 
 import json
+import shutil
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -32,14 +34,21 @@ def opposed(kind: str = "partner") -> Settings:
     })  # fmt: skip
 
 
-def test_a_session_within_its_budgets_is_passive_by_its_recordings(tmp_path: Path) -> None:
-    summary = run_laboratory(opposed(), tmp_path).summary
+@pytest.fixture(scope="module")
+def honest(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, dict[str, Any]]:
+    """Return the folder and the summary of a session of partners, to be read alone."""
+    folder = tmp_path_factory.mktemp("honest")
+    return folder, run_laboratory(opposed(), folder).summary
+
+
+def test_a_session_within_its_budgets_is_passive_by_its_recordings(honest: tuple[Path, dict[str, Any]]) -> None:
+    folder, summary = honest
     gates, judged = summary["gates"], passive(summary)
     assert judged.tone == "good", judged.sentence
     assert "by the recorded forces and places" in judged.sentence
     assert 0.0 <= gates["margin_j"] <= gates["budget_j"]
     assert 2.0 * BUDGET_J <= gates["budget_j"] <= 2.0 * (BUDGET_J + 5.0 * REFILL_W)
-    run = open_run(tmp_path)
+    run = open_run(folder)
     for end in run.clients.values():  # the client's own ledger says the same here, as it is right
         own = end.columns("tick", "work_j")["work_j"]
         assert hand_work(end).work_j == pytest.approx(own, abs=1e-9)
@@ -60,14 +69,15 @@ def test_hands_that_take_more_than_their_gates_may_give_are_not_passive_whatever
     assert summary["gates"]["margin_j"] < -summary["gates"]["tolerance_j"]
 
 
-def test_without_everybodys_recording_it_is_not_known(tmp_path: Path) -> None:
-    summary = run_laboratory(opposed(), tmp_path).summary
+def test_without_everybodys_recording_it_is_not_known(honest: tuple[Path, dict[str, Any]], tmp_path: Path) -> None:
+    whole, summary = honest
+    folder = Path(shutil.copytree(whole, tmp_path / "run"))
     theirs = json.loads(json.dumps(summary))
     theirs["gates"]["margin_j"] = theirs["gates"]["taken_j"] = None
     for user in theirs["users"]:
         user["claimed"] = {"line_margin_j": 0.0, "down_margin_j": 0.0}
-    (tmp_path / client_recording("ben")).unlink()
-    assert not judge_gates(tmp_path, theirs)
+    (folder / client_recording("ben")).unlink()
+    assert not judge_gates(folder, theirs)
     judged = passive(theirs)
     assert judged.tone == "warn"
     assert "no recording shows the work of the hand of anna, ben" in judged.sentence

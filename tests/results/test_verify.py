@@ -110,7 +110,7 @@ def test_any_session_is_exact(
 def test_a_session_that_is_unstable_is_exact(tmp_path: Path) -> None:
     """Numbers beyond all bounds are recorded, too."""
     stiff = (
-        "coupling.stiffness_npm=1e5", "coupling.server_step=paper", "link.delay_ms=31.25", "playout.frames=0", "seconds=4",
+        "coupling.stiffness_npm=1e5", "coupling.server_step=paper", "link.delay_ms=31.25", "playout.frames=0", "seconds=2",
         "users.0.device=sim:ideal", "users.1.device=sim:ideal",
     )  # fmt: skip
     verdicts = verdicts_of(load(CONFIGS[0], stiff), tmp_path)

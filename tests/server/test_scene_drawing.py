@@ -33,6 +33,7 @@ def places(world: SceneWorld, shape: Shape) -> np.ndarray:
     return found
 
 
+@pytest.mark.sample(11)
 @pytest.mark.parametrize("name", SCENES)
 def test_every_shape_of_every_scene_fits_a_datagram_and_comes_back(tmp_path: Path, name: str) -> None:
     shapes = world_named(tmp_path, name).drawing.shapes()

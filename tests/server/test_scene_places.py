@@ -55,6 +55,7 @@ def distances_m(scene: Scene, seat: int, target: str = "it") -> tuple[float, flo
     return least[0], least[1]
 
 
+@pytest.mark.sample(8)
 @pytest.mark.parametrize("kind", KINDS)
 @pytest.mark.parametrize("things", THINGS)
 def test_tools_begin_in_the_free_and_near_what_they_press(things: str, kind: str) -> None:
@@ -117,6 +118,7 @@ DEFAULTS = (
 )
 
 
+@pytest.mark.sample(9)
 @pytest.mark.parametrize(
     ("compiler", "default", "body"),
     [

@@ -106,7 +106,7 @@ def test_a_tool_keeps_its_turn_when_it_is_taken(turn: tuple[float, float, float]
 @pytest.mark.parametrize("name", ["pile", "wheel", long("peg"), long("valve"), long("table")])
 def test_people_join_with_any_pose_and_come_back_without_energy(name: str) -> None:
     """Tools that welds hold stay where they are and go on as they do: no change of hands brings energy."""
-    for seed in range(4):
+    for seed in range(2):
         world, random = world_of_settings(name), np.random.default_rng(seed)
         seats, axes = len(world.holding), world.axes
         start, given, v = world.energy_j, 0.0, np.zeros((seats, axes))

@@ -262,6 +262,7 @@ SWING = "sine&amplitude_m=0.0143&frequency_hz=1.356&direction=-1&offset_m=0.03"
 TREMBLE = "tremor&amplitude_m=0&tremor_m=0.0008&direction=-1"
 
 
+@pytest.mark.sample(4)
 @pytest.mark.parametrize("delay_ms", [0.0, 0.1, 1.0, 8.0])
 @pytest.mark.parametrize("hand", [SWING, TREMBLE])
 def test_a_hand_that_moves_freely_is_not_let_go(hand: str, delay_ms: float) -> None:

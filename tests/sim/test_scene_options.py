@@ -32,6 +32,7 @@ OPTIONS = {
 }
 
 
+@pytest.mark.sample(4)
 @pytest.mark.parametrize(("options", "changed"), OPTIONS.items(), ids=list(OPTIONS))
 def test_a_box_at_rest_stays_there_whatever_its_scene_asks_of_the_solver(
     tmp_path: Path, options: str, changed: str

@@ -44,6 +44,7 @@ def test_a_ring_that_decays_is_not_let_go_and_the_wall_stays_a_wall() -> None:
     assert laboratory.people[0].device.position_m[0] == pytest.approx(2.96 / 3316.0, rel=0.01)
 
 
+@pytest.mark.sample(6)
 @pytest.mark.parametrize("device", ["sim:ideal", "sim:phantom"])
 @pytest.mark.parametrize("damping_nspm", [2.0, 7.2])
 @pytest.mark.parametrize("share", [0.2, 1.0 / AMPLE])
