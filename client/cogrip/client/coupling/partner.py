@@ -12,6 +12,7 @@ from math import inf
 
 from msgspec.structs import replace
 
+from cogrip.client.coupling.choosing import Trust
 from cogrip.client.coupling.hand_stiffness import DeviceDrag, HandStiffness
 from cogrip.client.coupling.intention import Intention
 from cogrip.client.coupling.interface import Coupling, LatestStateCoupling
@@ -34,8 +35,9 @@ MOST_TICKS = 64  # most ticks that the copy makes up for at once, where the loop
 class Known:
     """One partner as it was told last."""
 
-    def __init__(self, place_m: Sequence[float]) -> None:
+    def __init__(self, place_m: Sequence[float], frame_s: float) -> None:
         self.model = Model(place_m)
+        self.trust = Trust(frame_s)
         self.intent: Intent | None = None
         self.age_s = 0.0  # of the intention, now
         self.silent_s = 0.0  # since it was new
@@ -117,6 +119,7 @@ class PartnerCoupling(LatestStateCoupling[Partner]):
         self.grip.end_frame()
         for known in self.partners.values():
             known.silent_s += self._frame_s
+            known.trust.enter(self.intention.place_m, known.model.intention_m)
         if self._receiver.pop() and (latest := self._receiver.latest) is not None:
             self.object_state = latest.position_m + latest.velocity_mps
             for intent in latest.intents:
@@ -136,12 +139,14 @@ class PartnerCoupling(LatestStateCoupling[Partner]):
     def _take(self, intent: Intent) -> None:
         known = self.partners.get(intent.seat)
         if known is None:
-            known = self.partners[intent.seat] = Known(intent.intention_m)
+            known = self.partners[intent.seat] = Known(intent.intention_m, self._frame_s)
         before = known.intent
         if before is not None and before.made_ns >= intent.made_ns > 0:
             return
         known.intent, known.silent_s = intent, 0.0
         known.age_s = self._age_s(intent)
+        if known.age_s:
+            known.trust.learn(intent.intention_m, known.age_s)
         if known.donated_j is None:
             known.donated_j = intent.donated_j
         else:
@@ -213,7 +218,8 @@ class PartnerCoupling(LatestStateCoupling[Partner]):
         known.since_s += self._tick_s
         left = max(0.0, 1.0 - max(0.0, known.silent_s - SILENT_S) / SILENT_S)
         there = min(1.0, known.since_s / GROW_S)
-        model.stiffness_npm = intent.stiffness_npm * left * there
+        told = known.trust.stiffness_npm(intent.stiffness_npm, self.grip.stiffness_npm, self._spring[0])
+        model.stiffness_npm = told * left * there
         model.intention_m = ahead(intent.intention_m, intent.rate_mps, known.age_s)
         return model
 
