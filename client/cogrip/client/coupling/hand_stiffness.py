@@ -23,9 +23,9 @@ from typing import NamedTuple
 
 from cogrip.devices.device import Capability
 from cogrip.machine.addition import add_floats
+from cogrip.protocol.laws.partner_model import HAND_NSPM
 
 HAND_NPM = 150.0  # k_0, of a hand of which nothing is known
-HAND_NSPM = 5.0  # b_e
 LEAST_NPM, MOST_NPM = 10.0, 400.0  # range of estimates: a stiffness told too high is what makes a loop of two unstable
 SPAN_S = 0.094  # L in seconds
 PRIOR_M_PER_N = 0.005  # standard deviation of 1/k before anything is known: p is 1 / PRIOR_M_PER_N^2

@@ -11,7 +11,8 @@ from tick to tick, with the k of now: a k that changes is no motion.
 
 from collections.abc import Sequence
 
-from cogrip.client.coupling.hand_stiffness import HAND_NPM, HAND_NSPM
+from cogrip.client.coupling.hand_stiffness import HAND_NPM
+from cogrip.protocol.laws.partner_model import HAND_NSPM
 
 SMOOTHING_S = 0.01  # tau
 RATE_S = 0.03  # tau_r

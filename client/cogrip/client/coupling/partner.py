@@ -220,6 +220,7 @@ class PartnerCoupling(LatestStateCoupling[Partner]):
         there = min(1.0, known.since_s / GROW_S)
         told = known.trust.stiffness_npm(intent.stiffness_npm, self.grip.stiffness_npm, self._spring[0])
         model.stiffness_npm = told * left * there
+        model.age_s = known.age_s
         model.intention_m = ahead(intent.intention_m, intent.rate_mps, known.age_s)
         return model
 

@@ -9,7 +9,9 @@ the model, K, B the spring of a seat, T step. Implicit Euler, copy and models to
 from collections.abc import Sequence
 
 MODEL_KG = 0.1  # m_d
-MODEL_NSPM = 15.0  # b_m: three times the damping of the estimate, which keeps the loop of two clients below 1
+HAND_NSPM = 5.0  # b_e, damping of a hand in the estimate of its intention
+ADDED_NSPM = 10.0  # what a model's damping b_m has above that, where it is late: it keeps the loop of two clients below 1
+LATE_S = 0.1  # age of an intention from which on it has all of it
 DAMPED_NPM = 150.0  # least stiffness of a hand whose model has all of b_m
 HORIZON_S = 0.1  # h, the longest time for which an intention is taken to go on
 
@@ -17,18 +19,20 @@ HORIZON_S = 0.1  # h, the longest time for which an intention is taken to go on
 class Model:
     """One partner's hand on all axes: where its device is taken to be, and how fast."""
 
-    __slots__ = ("intention_m", "place_m", "stiffness_npm", "velocity_mps")
+    __slots__ = ("age_s", "intention_m", "place_m", "stiffness_npm", "velocity_mps")
 
     def __init__(self, place_m: Sequence[float]) -> None:
         self.place_m = list(place_m)
         self.velocity_mps = [0.0] * len(self.place_m)
         self.intention_m = list(place_m)
         self.stiffness_npm = 0.0
+        self.age_s = LATE_S  # of the intention
 
     @property
     def damping_nspm(self) -> float:
         """b_m: less for a hand that hardly holds, none where it has let go."""
-        return MODEL_NSPM * min(1.0, self.stiffness_npm / DAMPED_NPM)
+        full = HAND_NSPM + ADDED_NSPM * min(1.0, self.age_s / LATE_S)
+        return full * min(1.0, self.stiffness_npm / DAMPED_NPM)
 
 
 def ahead(intention_m: Sequence[float], rate_mps: Sequence[float], age_s: float) -> list[float]:
