@@ -52,6 +52,10 @@ enum {
     HELLO_BYTES = 1024,
     LEAVE_TEXT_BYTES = 160,
     MOST_ABSENT_S = 10,     /* of a loop, after which its session is over */
+    MOST_PARTNERS = 7,      /* of a hand [3.23] */
+    LATEST_HISTORY = 256,   /* messages of which it is known whether they came, where the newest wins [7] */
+    MOST_COPY_TICKS = 64,   /* that a copy of the object makes up for at once */
+    KIND_BYTES = 33,        /* of a coupling.kind, with its end */
     OUTBOX = 8              /* messages that wait to be sent */
 };
 #define MS INT64_C(1000000)
@@ -467,14 +471,16 @@ enum { DECIMATE_BOXCAR, DECIMATE_LOWPASS, DECIMATE_NONE };
 
 typedef struct settings {
     char room[161], user[161];
-    int seat, device_hz, network_hz, scheme, decimator, velocity_encoder, axes, automatic, playout_frames, redundancy,
-        concealment;
+    char kind[KIND_BYTES]; /* of coupling: whether this client has it is asked of its table */
+    int seat, device_hz, network_hz, decimator, velocity_encoder, axes, automatic, playout_frames, redundancy,
+        concealment, people;
     int grips;      /* its impedance behind the places is that of a gripper [3.4] */
     int scaled;     /* the tool moves in a frame of its own [3.4] */
     int aided;      /* a workspace limit, or a handle that is to be carried [3.4] */
     int emulated;   /* an impairment of the link is to be emulated */
     uint64_t print; /* of all its bytes: a resumed seat has the same */
     double impedance_nspm, lowpass_rad_s, rendered_npm, late, tank_mj, wave_filter_hz;
+    double stiffness_npm, damping_nspm, mass_kg, object_nspm; /* spring of the seat; the object */
 } settings;
 
 enum { MOST_FRONTS = 8, MOST_REDIRECTS = 4, MOST_WAIT_MS = 600000 };
@@ -492,6 +498,21 @@ typedef struct welcome {
     int player;
 } welcome;
 
+/* Intention of one hand [3.23]. */
+typedef struct intent {
+    int64_t made_ns;
+    int seat, axes, rates; /* axes, rates: lengths of the lists */
+    double place_m[WIRE_AXES], rate_mps[WIRE_AXES], stiffness_npm, donated_j;
+} intent;
+
+typedef struct told_partners {
+    int64_t session, number, acknowledged, edges;
+    stamp sent;
+    int places, rates, count;
+    double position_m[WIRE_AXES], velocity_mps[WIRE_AXES], port_j;
+    intent intents[MOST_PARTNERS];
+} told_partners;
+
 typedef struct refusal {
     int64_t nonce;
     char code[161], reason[COGRIP_TEXT_BYTES];
@@ -503,7 +524,6 @@ typedef struct farewell {
     double up_margin_j, line_margin_j; /* nan: not known */
 } farewell;
 
-static const char *const schemes[] = {"wave", "local", "coupling", "tdpa", "partner"};
 static const char *const decimators[] = {"boxcar", "lowpass", "none"};
 static const char *const steps[] = {"passive", "paper"};
 static const char *const encoders[] = {"displacement", "velocity"};
@@ -583,6 +603,41 @@ static void get_waves(reader *from, uint64_t length, waves *into) {
     if (length > 16) into->edges = get_int(from, 0, UINT32_MAX);
 }
 
+static void get_intent(reader *from, intent *into) {
+    const uint64_t length = open_array(from, 6);
+    into->seat = (int)get_int(from, 0, 255);
+    into->made_ns = get_int(from, 0, INT64_MAX);
+    into->axes = get_row(from, into->place_m, 1, WIRE_AXES, 1e3);
+    into->rates = get_row(from, into->rate_mps, 1, WIRE_AXES, 1e4);
+    into->stiffness_npm = get_real(from, 0.0, 1e4);
+    into->donated_j = get_real(from, 0.0, 1e15);
+    close_array(from, length, 6);
+}
+
+static void get_partners(reader *from, uint64_t length, told_partners *into) {
+    memset(into, 0, sizeof *into);
+    if (length < 8 || length > 11) from->bad = 1;
+    into->session = get_int(from, 1, INT64_MAX);
+    into->number = get_int(from, 0, MOST_INT);
+    into->places = get_row(from, into->position_m, 1, WIRE_AXES, 1e3);
+    into->rates = get_row(from, into->velocity_mps, 1, WIRE_AXES, 1e4);
+    into->count = (int)get_length(from, 0, 0, MOST_PARTNERS);
+    for (int place = 0; place < into->count; place++) get_intent(from, &into->intents[place]);
+    into->acknowledged = get_int(from, 0, MOST_INT);
+    get_stamp(from, &into->sent);
+    if (length > 8) check_handle(from);
+    if (length > 9) into->edges = get_int(from, 0, UINT32_MAX);
+    if (length > 10) into->port_j = get_real(from, -1e15, 1e15);
+}
+
+/* True where every list has one number an axis. */
+static int partners_of_axes(const told_partners *told, int axes) {
+    int fits = told->places == axes && told->rates == axes;
+    for (int place = 0; place < told->count; place++)
+        fits = fits && told->intents[place].axes == axes && told->intents[place].rates == axes;
+    return fits;
+}
+
 /* Impairment of a direction that is to be emulated. Returns 1 where there is any. */
 static int get_profile(reader *from) {
     static const double low[] = {0, 0, 0, 1, 0, 0, 0, 0, 0}, high[] = {1e4, 1e4, 0.99, 1e4, 0.99, 0.99, 1e7, 1e4, 1e6};
@@ -622,10 +677,10 @@ static void get_coupling(reader *from, settings *into) {
                                         "grip_impedance_nspm"};
     reader value[11];
     into->grips = get_map(from, names, 11, 10, value) >> 10 & 1; /* that of turning, or of a gripper */
-    into->scheme = get_choice(&value[0], schemes, (int)(sizeof schemes / sizeof schemes[0]));
+    get_text(&value[0], into->kind, sizeof into->kind, 1, KIND_BYTES - 1);
     into->impedance_nspm = get_real(&value[1], 1e-3, 1e4);
-    get_real(&value[2], 0.0, 1e7);
-    get_real(&value[3], 0.0, 1e4);
+    into->stiffness_npm = get_real(&value[2], 0.0, 1e7);
+    into->damping_nspm = get_real(&value[3], 0.0, 1e4);
     get_bool(&value[4]);
     into->decimator = get_choice(&value[5], decimators, 3);
     into->lowpass_rad_s = get_real(&value[6], 1e-3, 1e5);
@@ -643,8 +698,8 @@ static void get_object(reader *from, settings *into) {
     char kind[65];
     get_map(from, names, 4, 4, value);
     get_name(&value[0], kind, sizeof kind, 64, " .:_-");
-    get_real(&value[1], 1e-6, 1e3);
-    get_real(&value[2], 0.0, 1e4);
+    into->mass_kg = get_real(&value[1], 1e-6, 1e3);
+    into->object_nspm = get_real(&value[2], 0.0, 1e4);
     into->axes = (int)get_int(&value[3], 1, WIRE_AXES);
     if (into->grips != (into->axes == GRIP_AXES)) from->bad = 1;
     for (int place = 0; place < 4; place++) from->bad |= value[place].bad;
@@ -695,7 +750,7 @@ static void get_settings(reader *from, settings *into) {
         get_choice(from, preferences, 3);
         close_array(from, line, 4);
     }
-    if (length > 14) get_int(from, 1, 256);
+    into->people = length > 14 ? (int)get_int(from, 1, 256) : 1;
     into->scaled = length > 15 && !get_nil(from);
     if (into->scaled) skip(from);
     into->aided = 0;
@@ -1282,6 +1337,7 @@ static void delays_percentiles(const delays *from, double *into) {
 
 typedef struct account {
     int axes, unstable, oscillates, let_go, incidents;
+    int waveless; /* without waves there is no account of playout and line */
     double position_m[WIRE_AXES], force_n[WIRE_AXES], peak_force_n, travel_m, felt_npm, predicted_npm, down_margin_j, leak_j;
     cogrip_link_count down;
     double rtt_ms[4], up_ms[4], down_ms[4], late_us[4], work_us[4], offset_ms, uncertainty_ms;
@@ -1323,14 +1379,18 @@ static void put_account(writer *to, const account *from) {
     put_text(to, from->state, 40);
     put_text(to, from->reason, 280);
     put_real(to, from->peak_step_n);
-    put_array(to, 7);
-    put_real(to, from->depth_frames);
-    put_real(to, from->least_frames);
-    put_real(to, from->most_frames);
-    put_int(to, from->repeated);
-    put_int(to, from->skipped);
-    put_int(to, from->concealed);
-    put_int(to, from->longest_gap);
+    if (from->waveless) {
+        put_nil(to);
+    } else {
+        put_array(to, 7);
+        put_real(to, from->depth_frames);
+        put_real(to, from->least_frames);
+        put_real(to, from->most_frames);
+        put_int(to, from->repeated);
+        put_int(to, from->skipped);
+        put_int(to, from->concealed);
+        put_int(to, from->longest_gap);
+    }
     put_array(to, 4);
     put_known_row(to, from->up_ms, 4);
     put_known_row(to, from->down_ms, 4);
@@ -1348,7 +1408,8 @@ static void put_account(writer *to, const account *from) {
     put_known(to, from->port_shake_n);
     put_known(to, from->down_reserve_j);
     put_real(to, from->peak_torque_nm);
-    put_row(to, from->line, 6);
+    if (from->waveless) put_nil(to);
+    else put_row(to, from->line, 6);
     if (from->has_effects) {
         put_array(to, 2);
         put_real(to, from->least_tank_j);
@@ -1619,12 +1680,22 @@ static double part_of(const double *force, const double *wish, int axes) {
     return square != 0.0 ? dot(force, wish, axes) / square : 0.0;
 }
 
+/* The part of their force that acts in `held_n`: where coupling and effects cancel out the law is next to 0. */
+static double effects_scale(const effects *all, const double *held_n) {
+    return least(1.0, most(0.0, part_of(held_n, all->law_n, all->axes)));
+}
+
+/* Leave of a force what is not the effects'. */
+static void effects_leave(const effects *all, const double *held_n, double *rest_n) {
+    const double scale = all->held ? effects_scale(all, held_n) : 0.0;
+    for (int axis = 0; axis < AXES; axis++) rest_n[axis] = held_n[axis] - (scale != 0.0 ? scale * all->asked_n[axis] : 0.0);
+}
+
 /* Enter a displacement of the hand, over which `held_n` acted. */
 static void effects_enter(effects *all, const double *held_n, const double *start_m, const double *end_m) {
     double moved[AXES] = {0.0};
     if (!all->held) return;
-    /* where coupling and effects cancel out the law is next to 0 */
-    const double scale = least(1.0, most(0.0, part_of(held_n, all->law_n, all->axes)));
+    const double scale = effects_scale(all, held_n);
     for (int axis = 0; axis < all->axes; axis++) moved[axis] = end_m[axis] - start_m[axis];
     tank_worked(all, scale * dot(all->active_n, moved, all->axes));
     tank_damped(all, scale * dot(all->damper_n, moved, all->axes));
@@ -1846,6 +1917,223 @@ static void effects_step(
         all->asked_n[axis] = all->active_n[axis] + spring_n[axis] + all->damper_n[axis];
 }
 
+/* ---- Models of partners [7e; docs/theory.md 5b] ------------------------------------------------ */
+
+/* The numbers of the reference. A hand of this client is always told to be of HAND_NPM: it does not estimate its stiffness. */
+#define HAND_NPM 150.0        /* k */
+#define HAND_NSPM 5.0         /* b_e */
+#define SMOOTHING_S 0.01      /* tau of the intention */
+#define RATE_S 0.03           /* tau_r of its rate */
+#define MOST_INTENT_MPS 1.0
+#define MODEL_KG 0.1          /* m_d */
+#define MODEL_NSPM 15.0       /* b_m, where the hand is at least of DAMPED_NPM */
+#define DAMPED_NPM 150.0
+#define HORIZON_S 0.1         /* h */
+#define GROW_S 0.5            /* in which the stiffness of a hand grows that has just come */
+#define SILENT_S 0.3          /* without news of a partner, after which its model lets go within as long */
+#define GATE_J 0.05           /* E_0 */
+#define GATE_CAP_J (GATE_J + 0.1)
+#define GATE_FADE_S 0.02      /* tau_s */
+#define DONATED_S 0.05
+#define DAMPER_MPS 0.1
+#define DAMPER_AHEAD 1.5
+#define REFILL_W 0.02
+#define REST_MPS 0.01
+#define REST_S 0.25
+
+/* Ledger of one person's own spring; client/cogrip/client/coupling/spring_gate.py has its law. */
+typedef struct gate {
+    sum work;
+    double donated_j, credited_j, refilled_j, spilt_j, free_before_j, rested_s, worked_j, tick_s;
+    int below, gave_out;
+} gate;
+
+static void gate_init(gate *own, double tick_s) {
+    memset(own, 0, sizeof *own);
+    own->tick_s = tick_s;
+    own->free_before_j = GATE_J;
+}
+
+/* What came in but by the hand itself, less what was given away; then all that came in; then b, with E_0. */
+static double gate_granted_j(const gate *own) {
+    return own->credited_j + own->refilled_j - own->donated_j - own->spilt_j;
+}
+
+static double gate_reserve_j(const gate *own) { return own->work.value + gate_granted_j(own); }
+static double gate_budget_j(const gate *own) { return GATE_J + gate_reserve_j(own); }
+
+/* The part of a stretch that may stay, of 1: step (1) of the gate. */
+static double gate_cut(const gate *own, const double *stretch_m, int axes, double stiffness_npm) {
+    if (stiffness_npm == 0.0) return 1.0;
+    const double kept_j = most(0.0, own->free_before_j) * (1.0 - own->tick_s / GATE_FADE_S);
+    const double bound = 2.0 * most(0.0, gate_budget_j(own) - kept_j) / stiffness_npm;
+    const double square = dot(stretch_m, stretch_m, axes);
+    return square <= bound ? 1.0 : sqrt(bound / square);
+}
+
+/* Reduce the damper's force to what may act, and settle the tick: steps (2) and (3), and the refill at rest. */
+static void gate_pay(
+    gate *own, const double *stretch_m, double stiffness_npm, double *damper_n, const double *velocity_mps, double damping_nspm,
+    int axes) {
+    const double stored_j = 0.5 * stiffness_npm * dot(stretch_m, stretch_m, axes), speed_mps = size_of(velocity_mps, axes);
+    own->rested_s = speed_mps < REST_MPS ? own->rested_s + own->tick_s : 0.0;
+    const double missing_j = GATE_J - (gate_budget_j(own) - stored_j);
+    if (own->rested_s >= REST_S && missing_j > 0.0) own->refilled_j += least(REFILL_W * own->tick_s, missing_j);
+    double free_j = gate_budget_j(own) - stored_j;
+    const double worked_j = own->work.value - own->worked_j;
+    own->worked_j = own->work.value;
+    if (gate_budget_j(own) < 0.0) {
+        own->gave_out = own->gave_out || (own->below && worked_j < 0.0);
+        own->below = 1;
+        for (int axis = 0; axis < axes; axis++) damper_n[axis] = own->gave_out ? 0.0 : damping_nspm * velocity_mps[axis];
+        own->free_before_j = free_j;
+        return;
+    }
+    own->below = own->gave_out = 0;
+    if (dot(damper_n, velocity_mps, axes) < 0.0) {
+        const double take_j = size_of(damper_n, axes) * most(DAMPER_AHEAD * speed_mps, DAMPER_MPS) * GATE_FADE_S;
+        const double part = take_j > free_j ? most(0.0, free_j) / take_j : 1.0;
+        for (int axis = 0; axis < axes; axis++) damper_n[axis] *= part;
+    }
+    if (free_j > GATE_CAP_J) {
+        own->spilt_j += free_j - GATE_CAP_J;
+        free_j = GATE_CAP_J;
+    }
+    if (free_j > GATE_J) {
+        const double given_j = (free_j - GATE_J) * least(1.0, own->tick_s / DONATED_S);
+        own->donated_j += given_j;
+        free_j -= given_j;
+    }
+    own->free_before_j = free_j;
+}
+
+/* Where the hand would be if nothing held it. */
+typedef struct intention {
+    double place_m[AXES], rate_mps[AXES];         /* e, e' */
+    double smooth_m[AXES], force_n[AXES], velocity_mps[AXES]; /* of the hand, through one pole */
+} intention;
+
+static void intention_begin(intention *own, const double *position_m, int axes) {
+    memset(own, 0, sizeof *own);
+    for (int axis = 0; axis < axes; axis++) own->place_m[axis] = own->smooth_m[axis] = position_m[axis];
+}
+
+static void intention_update(
+    intention *own, const double *position_m, const double *velocity_mps, const double *force_n, double mass_kg, double tick_s,
+    int axes) {
+    const double pole = tick_s / SMOOTHING_S;
+    for (int axis = 0; axis < axes; axis++) {
+        double moved = pole * (position_m[axis] - own->smooth_m[axis]);
+        const double pushed = pole * (force_n[axis] - own->force_n[axis]);
+        const double gained = pole * (velocity_mps[axis] - own->velocity_mps[axis]);
+        own->smooth_m[axis] += moved;
+        own->force_n[axis] += pushed;
+        own->velocity_mps[axis] += gained;
+        own->place_m[axis] = own->smooth_m[axis]
+            + (own->force_n[axis] + HAND_NSPM * own->velocity_mps[axis] + mass_kg * gained / tick_s) / HAND_NPM;
+        moved += (pushed + HAND_NSPM * gained) / HAND_NPM;
+        const double rate = own->rate_mps[axis] + tick_s / RATE_S * (moved / tick_s - own->rate_mps[axis]);
+        own->rate_mps[axis] = within(rate, MOST_INTENT_MPS);
+    }
+}
+
+/* One partner as it was told last, and the model of its hand. */
+typedef struct partner {
+    intent told; /* axes 0: nothing yet */
+    int counted; /* its counter of donated energy is known */
+    double age_s, silent_s, since_s, donated_j;
+    double place_m[AXES], velocity_mps[AXES], intention_m[AXES], stiffness_npm; /* of the model */
+} partner;
+
+/* Step object and models by one tick on one axis: implicit Euler (docs/theory.md 5b). own: place and velocity of the hand. */
+static void step_copy(
+    int axis, double tick_s, double *place_m, double *velocity_mps, double mass_kg, double object_nspm, double K, double B,
+    partner *known, int count, const double *own) {
+    double drive[MOST_PARTNERS], inertia[MOST_PARTNERS];
+    const double o = *place_m, G = K * tick_s + B;
+    double pull = mass_kg * *velocity_mps + tick_s * (K * (own[0] - o) + B * own[1]);
+    double weight = mass_kg + tick_s * object_nspm + tick_s * G;
+    for (int place = 0; place < count; place++) {
+        const partner *one = &known[place];
+        if (!one->told.axes) continue;
+        const double k = one->stiffness_npm, stretch = one->place_m[axis] - o;
+        const double damping = MODEL_NSPM * least(1.0, k / DAMPED_NPM);
+        inertia[place] = MODEL_KG + tick_s * (k * tick_s + damping + G);
+        drive[place] =
+            MODEL_KG * one->velocity_mps[axis] + tick_s * (k * (one->intention_m[axis] - one->place_m[axis]) - K * stretch);
+        pull += tick_s * K * stretch + tick_s * G * drive[place] / inertia[place];
+        weight += tick_s * G - (tick_s * G) * (tick_s * G) / inertia[place];
+    }
+    const double v = pull / weight;
+    for (int place = 0; place < count; place++) {
+        partner *one = &known[place];
+        if (!one->told.axes) continue;
+        one->velocity_mps[axis] = (drive[place] + tick_s * G * v) / inertia[place];
+        one->place_m[axis] += tick_s * one->velocity_mps[axis];
+    }
+    *velocity_mps = v;
+    *place_m = o + tick_s * v;
+}
+
+/* The receiving end of a line whose newest message wins [7]. */
+typedef struct latest {
+    int64_t newest, last_number; /* received, popped; -1 before the first */
+    int64_t seen[LATEST_HISTORY], received, applied, late, duplicate; /* seen: number + 1 */
+    int waiting;
+    told_partners next;
+} latest;
+
+static void latest_init(latest *line) {
+    memset(line, 0, sizeof *line);
+    line->newest = line->last_number = -1;
+}
+
+static int latest_take(latest *line, const told_partners *told) {
+    if (told->number <= line->newest - LATEST_HISTORY || told->number > line->newest + FURTHEST_JUMP) return 0;
+    int64_t *seen = &line->seen[told->number % LATEST_HISTORY];
+    if (*seen == told->number + 1) {
+        line->duplicate++;
+        return 1;
+    }
+    *seen = told->number + 1;
+    line->received++;
+    const int overtaken = told->number < line->newest;
+    line->late += overtaken || line->waiting;
+    if (overtaken) return 1;
+    line->newest = told->number;
+    line->next = *told;
+    line->waiting = 1;
+    return 1;
+}
+
+static int latest_pop(latest *line) {
+    if (!line->waiting) return 0;
+    line->waiting = 0;
+    line->applied++;
+    line->last_number = line->next.number;
+    return 1;
+}
+
+static void latest_count(const latest *line, cogrip_link_count *into) {
+    const int64_t sent = line->newest + 1 - line->waiting;
+    const cogrip_link_count count = {
+        sent, line->received, line->applied, sent - line->applied - line->late, line->late, line->duplicate, line->waiting};
+    *into = count;
+}
+
+/* One's own copy of the object, held by one's own spring and by a model of each partner's hand. */
+typedef struct partners {
+    struct gate gate;
+    double worked_j, granted_j; /* of the gate as this line began */
+    intention own;
+    int held; /* there is a copy: a hand holds it */
+    double place_m[AXES], velocity_mps[AXES], applied_n[AXES], here_s, hold, stored_j;
+    int64_t elapsed, clock_ns; /* clock_ns: the server's, as this frame began; 0 not known */
+    partner known[MOST_PARTNERS];
+    int count, others; /* others: seats of the room beside this */
+    latest down;
+} partners;
+
 /* ---- The client ------------------------------------------------------------------------------ */
 
 /* A one-pole filter of a wave, passive for any lengths that its inputs are held [5.8]. */
@@ -1892,6 +2180,23 @@ typedef struct message {
     unsigned char data[COGRIP_MESSAGE_BYTES];
 } message;
 
+/* A coupling scheme: what a client does with a hand and the server's messages. */
+typedef struct coupling {
+    const char *kind; /* coupling.kind of the settings */
+    int tag;          /* of the message of a frame, both ways */
+    double (*damper_nspm)(const settings *seat); /* that it renders */
+    void (*begin)(cogrip_client *client, double most_credit);
+    /* mean: of the displacement in the tick; goes_on: what the line is told, which of a hand that leaves goes on as it was;
+     * hold: how firmly that still holds, from 1 down to 0 */
+    void (*elapse)(cogrip_client *client, const double *mean, const double *goes_on, double hold);
+    void (*elapse_absent)(cogrip_client *client);
+    int64_t (*end_frame)(cogrip_client *client, double spare_j); /* returns the ticks of the next */
+    void (*start_frame)(cogrip_client *client, int64_t tick);
+    void (*law)(cogrip_client *client, double *force);
+    void (*write)(cogrip_client *client, message *into, int64_t now_ns);
+    void (*count)(const cogrip_client *client, cogrip_link_count *into);
+} coupling;
+
 struct cogrip_client {
     /* Session [4] */
     cogrip_config config;
@@ -1905,7 +2210,7 @@ struct cogrip_client {
     farewell goodbye;
     clock_offset clock;
     delays rtt, up_ms, down_ms;
-    char failed[COGRIP_TEXT_BYTES + 200], reason[COGRIP_TEXT_BYTES];
+    char failed[COGRIP_TEXT_BYTES + 200], reason[COGRIP_TEXT_BYTES], unknown[COGRIP_TEXT_BYTES];
     message leaving;
     message outbox[OUTBOX];
     int outbox_first, outbox_count;
@@ -1913,8 +2218,10 @@ struct cogrip_client {
 
     /* Seat */
     int axes, ticks_per_frame;
-    double tick_s, b, root, most_wave;
+    const coupling *scheme;
+    double tick_s, b, root, most_wave, damper_nspm, carried_nspm, lag_s;
     struct line line;
+    struct partners partners;
     struct handle handle;
     int64_t tick, first_tick, acted, wave_end, frame_begin, frame_end, ticks_run, stopped; /* stopped: tick of the leave, -1 */
     int has_origin, has_offset;
@@ -2140,7 +2447,7 @@ static void handle_acknowledged(handle *hand, int64_t edges) {
 static double port_made_j(const line *now) { return now->made.value + now->made_now_j; }
 static double port_j(const line *now) { return (now->made.value - now->used.value) + (now->made_now_j - now->used_now_j); }
 
-static void write_waves(const cogrip_client *client, message *into, int64_t now_ns) {
+static void write_waves(cogrip_client *client, message *into, int64_t now_ns) {
     const line *now = &client->line;
     const sender *up = &now->up;
     const int axes = client->axes, frames = sender_frames(up);
@@ -2272,7 +2579,8 @@ static void port_end_frame(cogrip_client *client, int64_t ticks) {
     client->travel_m += path_m;
     client->own_j += own_j;
     client->balance_j += own_j;
-    const double excess_j = client->balance_j - client->effects.stored_j - client->reserve_j;
+    const double stored_j = client->effects.stored_j + client->gain * client->partners.stored_j;
+    const double excess_j = client->balance_j - stored_j - client->reserve_j;
     if (excess_j > 0.0) {
         client->cut_j += excess_j;
         client->balance_j -= excess_j;
@@ -2313,8 +2621,8 @@ static void line_init(cogrip_client *client, double most_credit) {
 
 static double line_lowpass(const cogrip_client *client) { return -expm1(-client->seat.seat.lowpass_rad_s * client->tick_s); }
 
-/* Enter a tick that has passed. hold: how firmly a hand that takes its leave still holds, from 1 down to 0. */
-static void line_elapse(cogrip_client *client, const double *velocity, double hold) {
+static void line_elapse(cogrip_client *client, const double *mean, const double *velocity, double hold) {
+    (void)mean;
     line *now = &client->line;
     double made = 0.0, used = 0.0, bent = 0.0;
     const double ratio = client->ratio;
@@ -2414,8 +2722,14 @@ static int64_t line_end_frame(cogrip_client *client, double spare_j) {
     return line_next_length(now, ticks);
 }
 
+/* What plays from this tick on is held for so many ticks. */
+static void play_for(cogrip_client *client, int64_t tick, int64_t ticks) {
+    const int64_t late = ticks == client->ticks_per_frame ? (tick - client->wave_end) % ticks : 0;
+    client->wave_end = tick + ticks - late;
+}
+
 /* Play the returning wave of the next frame, from this tick on. */
-static void start_frame(cogrip_client *client, int64_t tick) {
+static void line_start_frame(cogrip_client *client, int64_t tick) {
     line *now = &client->line;
     receiver *down = &now->down;
     const int64_t ticks_per_frame = client->ticks_per_frame;
@@ -2434,18 +2748,234 @@ static void start_frame(cogrip_client *client, int64_t tick) {
     }
     filter_step(&now->down_filter, now->returning, client->axes, down->hold);
     now->began = now->ticks;
-    const int64_t late = down->hold == ticks_per_frame ? (tick - client->wave_end) % ticks_per_frame : 0;
-    client->wave_end = tick + down->hold - late;
+    play_for(client, tick, down->hold);
 }
 
 /* F = b xdot - sqrt(2b) v (docs/theory.md, 1), through the series impedance where the device carries less than b. */
-static void law(cogrip_client *client, double *force) {
+static void line_law(cogrip_client *client, double *force) {
     const double carried = client->config.carried_nspm;
     client->ratio = carried < client->b ? carried / client->b : 1.0;
     for (int axis = 0; axis < client->axes; axis++) {
         const double speed = client->velocity_mps[axis] + (client->deflected ? RELAX_RAD_S * client->deflection_m[axis] : 0.0);
         force[axis] = client->ratio * (client->b * speed - client->root * client->line.returning[axis]);
     }
+}
+
+static void line_count(const cogrip_client *client, cogrip_link_count *into) { receiver_count(&client->line.down, into); }
+static double line_damper(const settings *seat) { return seat->impedance_nspm; }
+
+/* ---- Ticks and frames with partners' models [7e] ---------------------------------------------- */
+
+static double partners_damper(const settings *seat) { return seat->damping_nspm; }
+
+static void partners_count(const cogrip_client *client, cogrip_link_count *into) { latest_count(&client->partners.down, into); }
+
+/* Begin a line. Gate, copy and models of a hand that was here before go on: it has one budget for its life. */
+static void partners_begin(cogrip_client *client, double most_credit) {
+    partners *all = &client->partners;
+    line_init(client, most_credit); /* of it this scheme uses the sums of energy, and the number of a frame */
+    if (all->gate.tick_s == 0.0) gate_init(&all->gate, client->tick_s);
+    all->worked_j = all->gate.work.value;
+    all->granted_j = gate_granted_j(&all->gate);
+    all->hold = 1.0;
+    all->clock_ns = 0;
+    all->others = (int)most_int(1, client->seat.seat.people - 1);
+    for (int place = 0; place < all->count; place++) { /* whatever counters and clock the server has now */
+        all->known[place].counted = 0;
+        all->known[place].told.made_ns = 0;
+    }
+    latest_init(&all->down);
+}
+
+static void partners_elapse(cogrip_client *client, const double *mean, const double *goes_on, double hold) {
+    partners *all = &client->partners;
+    (void)goes_on;
+    add(&all->gate.work, dot(all->applied_n, mean, client->axes) * client->tick_s);
+    client->line.made.value = all->gate.work.value - all->worked_j;
+    all->elapsed++;
+    all->hold = hold;
+}
+
+/* Enter a tick without a hand: its partners are told that it lets go, and the copy begins anew with the next one. */
+static void partners_elapse_absent(cogrip_client *client) {
+    client->partners.held = 0;
+    client->partners.here_s = 0.0;
+    client->partners.elapsed = 0;
+}
+
+static int64_t partners_end_frame(cogrip_client *client, double spare_j) {
+    line *now = &client->line;
+    const double reserve_j = gate_reserve_j(&client->partners.gate);
+    (void)spare_j;
+    now->up.next++;
+    client->down_margin_j = least(client->down_margin_j, reserve_j);
+    if (++now->popped >= client->seat.seat.network_hz && now->reserve_j == -HUGE_VAL) now->reserve_j = HUGE_VAL;
+    now->reserve_j = least(now->reserve_j, reserve_j);
+    return client->ticks_per_frame;
+}
+
+static void partner_begin(partner *one, const double *position_m, int axes) {
+    one->since_s = 0.0;
+    one->stiffness_npm = 0.0;
+    for (int axis = 0; axis < axes; axis++) {
+        one->place_m[axis] = one->intention_m[axis] = position_m[axis];
+        one->velocity_mps[axis] = 0.0;
+    }
+}
+
+/* The partner of a seat; of one that is new, in the place of the one that has been silent longest. */
+static partner *partner_of(partners *all, const intent *told) {
+    int longest = 0;
+    for (int place = 0; place < all->count; place++) {
+        if (all->known[place].told.seat == told->seat) return &all->known[place];
+        if (all->known[place].silent_s > all->known[longest].silent_s) longest = place;
+    }
+    partner *one = &all->known[all->count < MOST_PARTNERS ? all->count++ : longest];
+    memset(one, 0, sizeof *one);
+    one->told.seat = told->seat;
+    partner_begin(one, all->held ? all->place_m : told->place_m, told->axes); /* where it pulls at nothing */
+    return one;
+}
+
+static void partner_take(partners *all, const intent *told) {
+    partner *one = partner_of(all, told);
+    if (one->told.axes && told->made_ns > 0 && one->told.made_ns >= told->made_ns) return;
+    const int64_t age_ns = told->made_ns && all->clock_ns ? most_int(0, all->clock_ns - told->made_ns) : 0;
+    one->told = *told;
+    one->silent_s = 0.0;
+    one->age_s = 1e-9 * (double)age_ns;
+    if (one->counted) all->gate.credited_j += most(0.0, told->donated_j - one->donated_j) / all->others;
+    one->counted = 1;
+    one->donated_j = told->donated_j; /* where it is smaller than before, it counts anew */
+}
+
+static void partners_start_frame(cogrip_client *client, int64_t tick) {
+    partners *all = &client->partners;
+    const double frame_s = client->tick_s * client->ticks_per_frame;
+    for (int place = 0; place < all->count; place++) all->known[place].silent_s += frame_s;
+    if (latest_pop(&all->down)) {
+        const told_partners *told = &all->down.next;
+        memcpy(client->object, told->position_m, sizeof client->object[0] * (size_t)client->axes);
+        memcpy(client->object + client->axes, told->velocity_mps, sizeof client->object[0] * (size_t)client->axes);
+        for (int place = 0; place < told->count; place++) partner_take(all, &told->intents[place]);
+    }
+    play_for(client, tick, client->ticks_per_frame);
+}
+
+/* Step copy and models by a tick. */
+static void partners_step(cogrip_client *client, double K, double B) {
+    partners *all = &client->partners;
+    const settings *seat = &client->seat.seat;
+    all->here_s += client->tick_s;
+    for (int place = 0; place < all->count; place++) {
+        partner *one = &all->known[place];
+        one->age_s += client->tick_s;
+        one->since_s += client->tick_s;
+        const double left = most(0.0, 1.0 - most(0.0, one->silent_s - SILENT_S) / SILENT_S);
+        const double reach_s = least(most(0.0, one->age_s), HORIZON_S);
+        one->stiffness_npm = one->told.stiffness_npm * left * least(1.0, one->since_s / GROW_S);
+        for (int axis = 0; axis < client->axes; axis++)
+            one->intention_m[axis] = one->told.place_m[axis] + reach_s * one->told.rate_mps[axis];
+    }
+    for (int axis = 0; axis < client->axes; axis++) {
+        const double own[2] = {client->position_m[axis], client->velocity_mps[axis]};
+        step_copy(axis, client->tick_s, &all->place_m[axis], &all->velocity_mps[axis], seat->mass_kg, seat->object_nspm, K, B,
+            all->known, all->count, own);
+    }
+}
+
+/* F = K s + B (x' - o'), gated (docs/theory.md 5b). */
+static void partners_law(cogrip_client *client, double *force) {
+    partners *all = &client->partners;
+    const int axes = client->axes;
+    const double B = least(client->seat.seat.damping_nspm, client->carried_nspm);
+    const double K = least(client->seat.seat.stiffness_npm, client->carried_nspm / client->lag_s);
+    double stretch[AXES] = {0.0};
+    if (!all->held) { /* begin with the object in the hand, at rest, its spring unstretched */
+        all->held = 1;
+        memcpy(all->place_m, client->position_m, sizeof all->place_m);
+        memset(all->velocity_mps, 0, sizeof all->velocity_mps);
+        intention_begin(&all->own, client->position_m, axes);
+        for (int place = 0; place < all->count; place++) partner_begin(&all->known[place], client->position_m, axes);
+    }
+    const int64_t ticks = least_int(MOST_COPY_TICKS, most_int(1, all->elapsed));
+    all->elapsed = 0;
+    intention_update(&all->own, client->position_m, client->velocity_mps, all->applied_n, client->config.apparent_mass_kg,
+        client->tick_s, axes);
+    for (int64_t tick = 0; tick < ticks; tick++) partners_step(client, K, B);
+    for (int axis = 0; axis < axes; axis++) stretch[axis] = client->position_m[axis] - all->place_m[axis];
+    const double part = gate_cut(&all->gate, stretch, axes, K);
+    for (int axis = 0; axis < axes && part < 1.0; axis++) { /* the copy moves to where it may be, no faster than that */
+        const double before = all->place_m[axis], kept = all->velocity_mps[axis];
+        stretch[axis] *= part;
+        all->place_m[axis] = client->position_m[axis] - stretch[axis];
+        const double moved = kept + (all->place_m[axis] - before) / ((double)ticks * client->tick_s);
+        if (moved * kept < 0.0) all->velocity_mps[axis] = 0.0;
+        else if (fabs(moved) < fabs(kept)) all->velocity_mps[axis] = moved;
+    }
+    for (int axis = 0; axis < axes; axis++) force[axis] = B * (client->velocity_mps[axis] - all->velocity_mps[axis]);
+    gate_pay(&all->gate, stretch, K, force, client->velocity_mps, B, axes);
+    for (int axis = 0; axis < axes; axis++) force[axis] += K * stretch[axis];
+    all->stored_j = 0.5 * K * dot(stretch, stretch, axes);
+    client->line.given.value = gate_granted_j(&all->gate) - all->granted_j;
+}
+
+static void put_intent(writer *to, const intent *from) {
+    put_array(to, 6);
+    put_int(to, from->seat);
+    put_int(to, from->made_ns);
+    put_row(to, from->place_m, from->axes);
+    put_row(to, from->rate_mps, from->rates);
+    put_real(to, from->stiffness_npm);
+    put_real(to, from->donated_j);
+}
+
+static void write_partners(cogrip_client *client, message *into, int64_t now_ns) {
+    partners *all = &client->partners;
+    const clock_offset *clock = &client->clock;
+    const stamp sent = stamp_now(client, now_ns);
+    const int axes = client->axes;
+    writer to = open_message(into);
+    all->clock_ns = clock->known ? now_ns + clock->low_ns + (clock->high_ns - clock->low_ns) / 2 : 0;
+    put_array(&to, 11);
+    put_int(&to, TAG_PARTNER);
+    put_int(&to, client->seat.session);
+    put_int(&to, most_int(0, client->line.up.next - 1));
+    put_row(&to, client->position_m, axes);
+    put_row(&to, client->velocity_mps, axes);
+    put_array(&to, all->held);
+    if (all->held) {
+        intent own;
+        memset(&own, 0, sizeof own);
+        own.seat = client->seat.seat.seat;
+        own.made_ns = most_int(0, all->clock_ns);
+        own.axes = own.rates = axes;
+        memcpy(own.place_m, all->own.place_m, sizeof all->own.place_m);
+        memcpy(own.rate_mps, all->own.rate_mps, sizeof all->own.rate_mps);
+        own.stiffness_npm = HAND_NPM * all->hold * least(1.0, all->here_s / GROW_S);
+        own.donated_j = all->gate.donated_j;
+        put_intent(&to, &own);
+    }
+    put_int(&to, all->down.last_number + 1);
+    put_stamp(&to, &sent);
+    put_handle(client, &to);
+    put_int(&to, 0);
+    put_real(&to, gate_reserve_j(&all->gate));
+    close_message(into, &to);
+}
+
+/* The schemes that this client has. */
+static const coupling couplings[] = {
+    {"wave", TAG_WAVES, line_damper, line_init, line_elapse, line_elapse_absent, line_end_frame, line_start_frame, line_law,
+        write_waves, line_count},
+    {"partner", TAG_PARTNER, partners_damper, partners_begin, partners_elapse, partners_elapse_absent, partners_end_frame,
+        partners_start_frame, partners_law, write_partners, partners_count}};
+enum { COUPLINGS = sizeof couplings / sizeof couplings[0] };
+
+static const coupling *coupling_of(const char *kind) {
+    for (int place = 0; place < COUPLINGS; place++)
+        if (!strcmp(couplings[place].kind, kind)) return &couplings[place];
+    return NULL;
 }
 
 /* ---- Session [4] ----------------------------------------------------------------------------- */
@@ -2500,7 +3030,7 @@ static void add_counts(cogrip_link_count *into, const cogrip_link_count *from) {
 
 static cogrip_link_count down_count(const cogrip_client *client) {
     cogrip_link_count count;
-    receiver_count(&client->line.down, &count);
+    client->scheme->count(client, &count);
     add_counts(&count, &client->closed_down);
     return count;
 }
@@ -2514,6 +3044,7 @@ static void make_account(const cogrip_client *client, account *into) {
     const double line_values[6] = {client->b, client->b, client->b, filter_hz, filter_hz, filter_hz};
     memset(into, 0, sizeof *into);
     into->axes = client->axes;
+    into->waveless = client->scheme->tag != TAG_WAVES;
     memcpy(into->position_m, client->position_m, sizeof client->position_m);
     memcpy(into->force_n, client->force_n, sizeof client->force_n);
     into->peak_force_n = client->peak_force_n;
@@ -2578,13 +3109,23 @@ static void close_session(cogrip_client *client, const char *why) {
 }
 
 /* Why a person cannot take this seat with this client; NULL: they can. */
-static const char *unsupported(const cogrip_client *client, const welcome *given) {
+static const char *unsupported(cogrip_client *client, const welcome *given) {
     const settings *seat = &given->seat;
+    char kind[KIND_BYTES];
     if (!given->player) return "the token is for observing: this client only plays; ask for a player's link";
     if (client->seat.session && seat->print != client->seat.seat.print)
         return "the server came back with another seat or other settings: join anew";
-    if (seat->scheme)
-        return "the seat's coupling.kind is not \"wave\", the only one that this client has: set it for this seat";
+    if (!coupling_of(seat->kind)) {
+        show(kind, sizeof kind, seat->kind);
+        snprintf(client->unknown, sizeof client->unknown, "the seat's coupling.kind is \"%s\", which this client has not: take",
+            kind);
+        for (int place = 0; place < COUPLINGS; place++) {
+            const size_t used = strlen(client->unknown);
+            snprintf(client->unknown + used, sizeof client->unknown - used, "%s \"%s\"", place ? " or" : "",
+                couplings[place].kind);
+        }
+        return client->unknown;
+    }
     if (seat->grips) return "the seat's tool is a gripper, which this client has none of: take another seat";
     if (seat->axes > AXES)
         return "the room has 6 axes, this client 3: set orientation = \"free\", \"damped\" or \"fixed\" for this seat";
@@ -2614,6 +3155,7 @@ static double estimator_memory(const cogrip_client *client) {
 static void begin_seat(cogrip_client *client) {
     const settings *seat = &client->seat.seat;
     const cogrip_config *config = &client->config;
+    client->scheme = coupling_of(seat->kind);
     client->axes = seat->axes;
     client->ticks_per_frame = seat->device_hz / seat->network_hz;
     client->tick_s = 1.0 / seat->device_hz;
@@ -2627,11 +3169,13 @@ static void begin_seat(cogrip_client *client) {
     client->faded_j = client->free_j + FADE_TICKS * tick_j;
     client->reserve_j = client->faded_j + most(tick_j, falling_j);
     client->safety = COGRIP_LIVE;
-    const double memory = estimator_memory(client), lag_s = (1.0 + memory) / (1.0 - memory) * client->tick_s;
-    const double carried_nspm = least(config->carried_nspm, config->apparent_mass_kg / lag_s);
-    effects_fit(&client->effects, client->axes, client->tick_s, carried_nspm, lag_s, client->b, config->speed_mps,
-        config->slew_nps, TOLERATED_FRACTION * client->free_j);
-    line_init(client, HUGE_VAL);
+    const double memory = estimator_memory(client);
+    client->lag_s = (1.0 + memory) / (1.0 - memory) * client->tick_s;
+    client->carried_nspm = least(config->carried_nspm, config->apparent_mass_kg / client->lag_s);
+    client->damper_nspm = client->scheme->damper_nspm(seat);
+    effects_fit(&client->effects, client->axes, client->tick_s, client->carried_nspm, client->lag_s, client->damper_nspm,
+        config->speed_mps, config->slew_nps, TOLERATED_FRACTION * client->free_j);
+    client->scheme->begin(client, HUGE_VAL);
 }
 
 /* Begin a new line, where the hand is now: the server was started anew, or had given the seat up [4.4]. */
@@ -2640,22 +3184,23 @@ static void renew_line(cogrip_client *client) {
     cogrip_link_count count;
     double left = HUGE_VAL;
     for (int axis = 0; axis < client->axes; axis++) left = least(left, ledger_allowance(&now->down.energy, axis));
-    receiver_count(&now->down, &count);
+    client->scheme->count(client, &count);
     count.pending = 0;
     add_counts(&client->closed_down, &count);
     client->closed_given_j += now->given.value - (now->made_now_j - now->used_now_j);
     client->closed_port_j += port_j(now);
     if (now->reserve_j > -HUGE_VAL) client->down_reserve_j = least(client->down_reserve_j, now->reserve_j);
     effects_forget(&client->effects);
-    line_init(client, most(0.0, left)); /* all lines together lend one credit [5.4] */
+    client->scheme->begin(client, most(0.0, left)); /* all lines together lend one credit [5.4] */
     memset(&client->clock, 0, sizeof client->clock);
     client->handle.first = client->handle.count = 0;
     client->handle.said = 0;
     memcpy(client->origin_m, client->position_m, sizeof client->origin_m);
     if (client->tick < 0) return;
-    if (client->acted == client->tick || client->tick < client->wave_end) start_frame(client, client->tick);
+    if (client->acted == client->tick || client->tick < client->wave_end)
+        client->scheme->start_frame(client, client->tick);
     client->frame_end = client->frame_begin + client->ticks_per_frame;
-    for (int64_t tick = client->frame_begin; tick < client->tick; tick++) line_elapse_absent(client);
+    for (int64_t tick = client->frame_begin; tick < client->tick; tick++) client->scheme->elapse_absent(client);
 }
 
 static void take_welcome(cogrip_client *client, const welcome *given, int64_t now_ns) {
@@ -2721,6 +3266,26 @@ static void take_waves(cogrip_client *client, const waves *given, int64_t now_ns
     }
 }
 
+static void take_partners(cogrip_client *client, const told_partners *told, int64_t now_ns) {
+    latest *down = &client->partners.down;
+    if (client->tick < 0) {
+        client->counts[COGRIP_EARLY]++;
+        return;
+    }
+    read_stamp(client, &told->sent, now_ns);
+    const int64_t before = down->newest;
+    if (!partners_of_axes(told, client->axes) || !latest_take(down, told)) {
+        client->counts[COGRIP_UNFIT]++;
+        return;
+    }
+    client->line.acknowledged = most_int(client->line.acknowledged, told->acknowledged);
+    handle_acknowledged(&client->handle, told->edges);
+    if (down->newest > before) {
+        client->begun = 1;
+        client->fresh_ns = now_ns;
+    }
+}
+
 static void take_farewell(cogrip_client *client, const farewell *given) {
     char reason[COGRIP_TEXT_BYTES], text[sizeof client->failed];
     const cogrip_state before = client->state;
@@ -2766,6 +3331,7 @@ typedef struct decoded {
         struct refusal refusal;
         struct redirect redirect;
         struct waves waves;
+        told_partners partners;
         struct farewell farewell;
         told_effects effects;
         struct {
@@ -2788,6 +3354,7 @@ static void decode(const void *data, size_t bytes, decoded *into) {
     case TAG_REFUSE: get_refusal(&from, length, &into->as.refusal); break;
     case TAG_REDIRECT: get_redirect(&from, length, &into->as.redirect); break;
     case TAG_WAVES: get_waves(&from, length, &into->as.waves); break;
+    case TAG_PARTNER: get_partners(&from, length, &into->as.partners); break;
     case TAG_FAREWELL: get_farewell(&from, length, &into->as.farewell); break;
     case TAG_EFFECTS: get_effects(&from, length, &into->as.effects); break;
     case TAG_RESTART: /* the server will be silent, and this client resumes by silence [4.6] */
@@ -2807,7 +3374,7 @@ static void decode(const void *data, size_t bytes, decoded *into) {
         get_int(&from, 0, MOST_INT);
         if (length == 5) skip(&from);
         break;
-    default: close_array(&from, length, 1); /* not for a player of waves */
+    default: close_array(&from, length, 1); /* not for a player of these schemes */
     }
     if (from.bad || from.at != from.end) into->tag = 0;
 }
@@ -2824,7 +3391,14 @@ void cogrip_receive(cogrip_client *client, const void *data, size_t bytes, int64
     case TAG_WELCOME: take_welcome(client, &found.as.welcome, now_ns); break;
     case TAG_REFUSE: take_refusal(client, &found.as.refusal); break;
     case TAG_WAVES:
-        if (of_session(client, found.as.waves.session, now_ns)) take_waves(client, &found.as.waves, now_ns);
+        if (!of_session(client, found.as.waves.session, now_ns)) break;
+        if (client->scheme->tag == TAG_WAVES) take_waves(client, &found.as.waves, now_ns);
+        else client->counts[COGRIP_UNFIT]++;
+        break;
+    case TAG_PARTNER:
+        if (!of_session(client, found.as.partners.session, now_ns)) break;
+        if (client->scheme->tag == TAG_PARTNER) take_partners(client, &found.as.partners, now_ns);
+        else client->counts[COGRIP_UNFIT]++;
         break;
     case TAG_HEARTBEAT:
         if (!of_session(client, found.as.heartbeat.session, now_ns)) break;
@@ -2973,19 +3547,20 @@ static int enter_ticks(cogrip_client *client, int64_t elapsed, int moved) {
         mean[axis] = step * rate;
     }
     add(&client->work, work);
+    effects_leave(&client->effects, client->force_n, client->partners.applied_n);
     if (moved && elapsed) effects_enter(&client->effects, client->force_n, client->start_m, client->position_m);
     if (client->stopped < 0) memcpy(client->mean_mps, mean, sizeof mean);
     /* a hand that goes on as it did */
     else hold = most(0.0, 1.0 - (double)(client->tick - client->stopped) * client->tick_s / RELEASE_S);
     if (!client->seat.seat.velocity_encoder || client->stopped >= 0) velocity = client->mean_mps;
     for (int64_t tick = client->tick - elapsed + 1; tick <= client->tick; tick++) {
-        if (tick > client->wave_end) start_frame(client, tick - 1);
-        if (client->safety == COGRIP_FAULT) line_elapse_absent(client);
-        else line_elapse(client, velocity, hold);
+        if (tick > client->wave_end) client->scheme->start_frame(client, tick - 1);
+        if (client->safety == COGRIP_FAULT) client->scheme->elapse_absent(client);
+        else client->scheme->elapse(client, mean, velocity, hold);
         if (tick < client->frame_end) continue;
         ended = 1;
         port_enter(client, client->closed_given_j + now->given.value);
-        const int64_t length = line_end_frame(client, port_spare_j(client));
+        const int64_t length = client->scheme->end_frame(client, port_spare_j(client));
         port_enter(client, client->closed_given_j + now->given.value);
         if (moved) {
             port_end_frame(client, most_int(1, tick - client->frame_begin));
@@ -3018,7 +3593,7 @@ void cogrip_sense(cogrip_client *client, int64_t tick, const double *position_m,
         if (client->has_origin) {
             const int ended = enter_ticks(client, elapsed, moved);
             if (client->state == COGRIP_SEATED && ended) {
-                write_waves(client, outbox_push(client), now_ns);
+                client->scheme->write(client, outbox_push(client), now_ns);
                 client->handle.edged = 0;
                 client->handle.at_once = MOST_AT_ONCE;
             } else if (client->state == COGRIP_SEATED) {
@@ -3041,7 +3616,7 @@ void cogrip_act(cogrip_client *client, double *force_n, int64_t now_ns) {
     for (int axis = 0; axis < AXES; axis++) force_n[axis] = 0.0;
     if (!client->seat.session || client->tick < 0) return;
     if (client->tick >= client->wave_end) {
-        start_frame(client, client->tick);
+        client->scheme->start_frame(client, client->tick);
         if (client->line.down.played) { /* records come in clumps: a frame played in its time is as good as a new one */
             client->begun = 1;
             client->fresh_ns = now_ns;
@@ -3062,10 +3637,11 @@ void cogrip_act(cogrip_client *client, double *force_n, int64_t now_ns) {
     const int wished = client->safety != COGRIP_FAULT;
     int shortened = 0;
     if (wished) {
-        const double used = -client->balance_j / client->free_j, damping = least(client->config.carried_nspm, client->b);
+        const double used = -client->balance_j / client->free_j;
+        const double damping = least(client->config.carried_nspm, client->damper_nspm);
         const double over = (used - TOLERATED_FRACTION) / (1.0 - TOLERATED_FRACTION);
         const double injected = used > TOLERATED_FRACTION ? INJECTED_FRACTION * damping * least(1.0, over) : 0.0;
-        law(client, wanted);
+        client->scheme->law(client, wanted);
         effects_step(&client->effects, client->tick, client->position_m, client->velocity_mps, coming_gain(client, 1));
         for (int axis = 0; axis < axes; axis++) {
             if (client->effects.asked) wanted[axis] += client->effects.asked_n[axis];
@@ -3235,8 +3811,9 @@ void cogrip_get_status(const cogrip_client *client, cogrip_status *status) {
     memcpy(status->force_n, client->force_n, sizeof status->force_n);
     memcpy(status->object_m, client->object, sizeof client->object[0] * (size_t)client->axes);
     memcpy(status->object_mps, client->object + client->axes, sizeof client->object[0] * (size_t)client->axes);
-    status->playout_frames = seat->automatic ? (double)buffer_depth(&client->line.down.buffer) / client->ticks_per_frame
-        : seat->playout_frames;
+    if (client->scheme->tag == TAG_WAVES)
+        status->playout_frames = seat->automatic
+            ? (double)buffer_depth(&client->line.down.buffer) / client->ticks_per_frame : seat->playout_frames;
     status->down = down_count(client);
     copy_text(status->room, sizeof status->room, seat->room);
     copy_text(status->user, sizeof status->user, seat->user);

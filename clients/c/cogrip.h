@@ -1,4 +1,5 @@
-/* A client of cogrip for one person's seat, in C99: the client's side of protocol/SPEC.md for the wave scheme.
+/* A client of cogrip for one person's seat, in C99: the client's side of protocol/SPEC.md, for waves and for
+ * models of partners.
  *
  * The core takes datagrams, positions and times, and gives forces and datagrams. It opens no socket, asks no clock and
  * allocates

@@ -30,7 +30,7 @@ void probe_fields(char *into, size_t size) {
                 seat->playout_frames,
             seat->redundancy, seat->emulated, seat->impedance_nspm, seat->rendered_npm, seat->late, seat->tank_mj,
                 seat->wave_filter_hz,
-            schemes[seat->scheme], decimators[seat->decimator], concealments[seat->concealment]);
+            seat->kind, decimators[seat->decimator], concealments[seat->concealment]);
         break;
     case TAG_REFUSE:
         snprintf(into, size, "{\"nonce\": %lld, \"code\": \"%s\", \"reason\": \"%s\"}", (long long)found.as.refusal.nonce,
@@ -66,6 +66,19 @@ void probe_fields(char *into, size_t size) {
             (long long)told->session, (long long)told->version, told->tank_mj, (long long)told->number, told->count,
             effect_kinds[given->kind], given->place_m[0], given->place_m[1], given->place_m[2], given->direction[0],
             given->direction[1], given->direction[2], given->number[STIFFNESS_NPM], given->number[DAMPING_NSPM]);
+        break;
+    }
+    case TAG_PARTNER: {
+        const told_partners *told = &found.as.partners;
+        const intent *one = &told->intents[0];
+        snprintf(into, size,
+            "{\"session\": %lld, \"number\": %lld, \"acknowledged\": %lld, \"sent_ns\": %lld, \"echo_ns\": %lld, "
+            "\"held_ns\": %lld, \"edges\": %lld, \"port_j\": %.17g, \"rows\": [%.17g, %.17g], "
+            "\"intent\": [%d, %lld, [%.17g], [%.17g], %.17g, %.17g], \"count\": %d}",
+            (long long)told->session, (long long)told->number, (long long)told->acknowledged, (long long)told->sent.sent_ns,
+            (long long)told->sent.echo_ns, (long long)told->sent.held_ns, (long long)told->edges, told->port_j,
+            told->position_m[0], told->velocity_mps[0], one->seat, (long long)one->made_ns, one->place_m[0], one->rate_mps[0],
+            one->stiffness_npm, one->donated_j, told->count);
         break;
     }
     case TAG_HEARTBEAT:
@@ -118,6 +131,21 @@ size_t probe_leave(int64_t session, int with_account, void *into) {
     report.port_shake_n = 0.03125, report.down_reserve_j = 0.0078125;
     memcpy(report.line, line_values, sizeof line_values);
     write_leave(&out, session, "done", with_account ? &report : NULL);
+    return given(&out, into);
+}
+
+/* The partner of the page, as a client writes it. */
+size_t probe_partner(int64_t session, void *into) {
+    static cogrip_client client;
+    message out;
+    memset(&client, 0, sizeof client);
+    client.seat.session = session, client.axes = 1, client.seat.seat.seat = 1, client.line.up.next = 301;
+    client.position_m[0] = 0.015625, client.velocity_mps[0] = -0.125, client.partners.down.last_number = 298;
+    client.clock.known = 1, client.clock.peer_sent_ns = 999000000, client.clock.received_ns = 998500000;
+    client.partners.held = 1, client.partners.hold = 1.0, client.partners.here_s = 1.0;
+    client.partners.own.place_m[0] = 0.03125, client.partners.own.rate_mps[0] = -0.125;
+    client.partners.gate.donated_j = 0.0625, client.partners.gate.credited_j = 0.03125 + 0.0625;
+    write_partners(&client, &out, 1000000000);
     return given(&out, into);
 }
 
@@ -246,3 +274,54 @@ void probe_effects_tick(int64_t tick, const double *held_n, const double *start_
 }
 
 void probe_effects_forget(void) { effects_forget(&rendered); }
+
+/* ---- Models of partners ---- */
+
+static gate own_gate;
+static intention own_intention;
+
+void probe_gate_begin(double tick_s) { gate_init(&own_gate, tick_s); }
+
+/* Part of the stretch that one tick of the gate leaves; it reduces the damper's force. state: b, Don, Refill, Spill. */
+double probe_gate_tick(int axes, double work_j, double credit_j, double *stretch_m, double stiffness_npm, double *damper_n,
+    const double *velocity_mps, double damping_nspm, double *state) {
+    add(&own_gate.work, work_j);
+    own_gate.credited_j += credit_j;
+    const double part = gate_cut(&own_gate, stretch_m, axes, stiffness_npm);
+    for (int axis = 0; axis < axes; axis++) stretch_m[axis] *= part;
+    gate_pay(&own_gate, stretch_m, stiffness_npm, damper_n, velocity_mps, damping_nspm, axes);
+    const double found_j[] = {gate_budget_j(&own_gate), own_gate.donated_j, own_gate.refilled_j, own_gate.spilt_j};
+    memcpy(state, found_j, sizeof found_j);
+    return part;
+}
+
+/* One tick of the intention; out: its place on all axes, then its rate. */
+void probe_intention(int begin, int axes, const double *position_m, const double *velocity_mps, const double *force_n,
+    double mass_kg, double tick_s, double *out) {
+    if (begin) intention_begin(&own_intention, position_m, axes);
+    intention_update(&own_intention, position_m, velocity_mps, force_n, mass_kg, tick_s, axes);
+    memcpy(out, own_intention.place_m, sizeof *out * (size_t)axes);
+    memcpy(out + axes, own_intention.rate_mps, sizeof *out * (size_t)axes);
+}
+
+/* One tick of a copy on one axis. motion: its place and velocity; numbers: mass, damping, K, B, tick; own: the hand;
+ * models: of each place, velocity, intention and stiffness. */
+void probe_step_copy(double *motion, const double *numbers, const double *own, int count, double *models) {
+    partner known[MOST_PARTNERS];
+    memset(known, 0, sizeof known);
+    for (int place = 0; place < count; place++) {
+        const double *row = &models[4 * place];
+        known[place].told.axes = 1, known[place].place_m[0] = row[0], known[place].velocity_mps[0] = row[1];
+        known[place].intention_m[0] = row[2], known[place].stiffness_npm = row[3];
+    }
+    step_copy(0, numbers[4], &motion[0], &motion[1], numbers[0], numbers[1], numbers[2], numbers[3], known, count, own);
+    for (int place = 0; place < count; place++)
+        models[4 * place] = known[place].place_m[0], models[4 * place + 1] = known[place].velocity_mps[0];
+}
+
+/* What the gate of a client has in its ledger: W, Don, Cred, Refill. */
+void probe_gate_of(const cogrip_client *client, double *into) {
+    const gate *own = &client->partners.gate;
+    const double found_j[] = {own->work.value, own->donated_j, own->credited_j, own->refilled_j};
+    memcpy(into, found_j, sizeof found_j);
+}

@@ -9,6 +9,7 @@ from pathlib import Path
 
 import pytest
 
+from cogrip.protocol.settings.coupling_kinds import lent_mj
 from cogrip.results.verdict.verdict import passive
 
 from tests.clients.compiled import CHECKED, build, has_libssl, needs_compiler
@@ -84,6 +85,34 @@ def test_a_person_by_c_and_one_by_python_hold_one_cube(
         assert int(found[1]) > FEW_FRAMES
         assert int(found[3]) > 0  # what it counts at all
         assert int(found[2]) == 0
+
+
+def test_a_person_by_c_and_one_by_python_hold_one_cube_with_models_of_each_other(
+    run, serve, tmp_path: Path, example
+) -> None:
+    held = ("--set", "coupling.kind=partner", "--set", "link.delay_ms=0")
+    server, port = serve(DEMO, *held)
+    target = f"127.0.0.1:{port}"
+    ben = run("join", target, "--name", "ben", "--seconds", "2.0", "--runs", str(tmp_path / "ben"), "--no-report")
+    anna = subprocess.run(
+        [example("checked"), target, "2.0", "anna"], capture_output=True, text=True, timeout=60, check=False
+    )
+    if "watchdog" in anna.stderr:
+        pytest.skip(f"{MACHINE_STALLED} from a loop for 100 ms: no live session can be judged on it now")
+    assert anna.returncode == 0, anna.stderr
+    assert ben.end() == 0, ben.said
+    server.signal(signal.SIGTERM)
+    server.end()
+    said, whole = json.loads(anna.stdout), summary_in(tmp_path / "server")
+    assert said["frames"] > FEW_FRAMES
+    assert said["down_margin_j"] >= -1e-3 * lent_mj("partner", 0.0)
+    assert said["device_margin_j"] >= 0.0
+    assert said["peak_force_n"] > 0.1
+    assert not {"malformed", "unfit"} & said.keys()
+    for user in whole["users"]:
+        assert user["state"] == "idle"
+        assert user["link"]["applied"] > FEW_FRAMES
+        assert user["energy"]["device_margin_j"] >= 0.0
 
 
 @pytest.mark.parametrize("encrypted", [True, False])

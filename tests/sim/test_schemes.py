@@ -40,11 +40,6 @@ def test_the_settings_of_a_form_ask_for_it(scheme: Scheme) -> None:
     assert hasattr(linear_session(settings).people[0], FORMS[scheme].damper_key)
 
 
-def test_the_client_in_c_reads_every_kind_of_a_welcome() -> None:
-    (names,) = re.findall(r"schemes\[\] = \{(.*?)\}", (ROOT / "clients" / "c" / "cogrip.c").read_text())
-    assert tuple(re.findall(r'"(\w+)"', names)) == KINDS
-
-
 def test_a_kind_is_named_in_tables_alone() -> None:
     name = f'"(?:{"|".join((*KINDS, *OBJECT_KINDS))})"'
     asked = re.compile(rf'\bkind (?:[!=]= |in [(\[{{](?:"\w*", ?)*){name}|\{{{name}:[^\n]*\}}\.get\(')

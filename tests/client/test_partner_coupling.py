@@ -1,0 +1,43 @@
+"""A client's copy of the object, and partners as its messages tell of them."""
+
+from typing import Any
+
+from cogrip.client.coupling.partner import PartnerCoupling
+from cogrip.protocol.settings.room import resolve, seat_settings
+from cogrip.protocol.wire.messages import Intent, Partner, Stamp
+
+TICK_S = 1.0 / 1024
+COUPLING = {"kind": "partner", "stiffness_npm": 1000.0, "damping_nspm": 10.0}
+
+
+def coupling_of(people: int = 2) -> PartnerCoupling:
+    users = [{"name": f"p{each}"} for each in range(people)]
+    settings = resolve({"coupling": COUPLING, "object": {"axes": 1, "mass_kg": 0.2}, "users": users})
+    return PartnerCoupling(seat_settings(settings, 0))
+
+
+def told(number: int, *intents: Intent) -> Partner:
+    return Partner(1, number, (0.0,), (0.0,), intents, 0, Stamp(1))
+
+
+def intent(seat: int, place_m: float, **changes: Any) -> Intent:
+    return Intent(seat, changes.get("made_ns", 1), (place_m,), (0.0,), changes.get("stiffness_npm", 150.0), 0.0)
+
+
+def test_a_partner_who_comes_far_from_the_copy_pulls_as_its_stiffness_grows() -> None:
+    """Its model begins where the copy is: a spring of K to where it intends to be would be a step of force."""
+    coupling = coupling_of()
+    forces = [coupling.force((0.04,), (0.0,))[0]]
+    coupling.end_frame()
+    coupling.receive(told(0, intent(1, -0.04)))
+    coupling.start_frame()
+    for tick in range(1024):
+        if tick % 8 == 0:
+            coupling.receive(told(1 + tick // 8, intent(1, -0.04, made_ns=2 + tick)))
+            coupling.end_frame()
+            coupling.start_frame()
+        coupling.applied_n = (forces[-1],)
+        coupling.elapse((0.0,), (0.0,))
+        forces.append(coupling.force((0.04,), (0.0,))[0])
+    assert forces[-1] > 5.0
+    assert max(abs(b - a) for a, b in zip(forces, forces[1:], strict=False)) < 0.1
