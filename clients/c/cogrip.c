@@ -2041,7 +2041,7 @@ static void intention_update(
 typedef struct partner {
     intent told; /* axes 0: nothing yet */
     int counted; /* its counter of donated energy is known */
-    double age_s, silent_s, since_s, donated_j;
+    double age_s, silent_s, share, donated_j; /* share: of its stiffness that the model has: it grows in GROW_S */
     double place_m[AXES], velocity_mps[AXES], intention_m[AXES], stiffness_npm; /* of the model */
 } partner;
 
@@ -2815,7 +2815,7 @@ static int64_t partners_end_frame(cogrip_client *client, double spare_j) {
 }
 
 static void partner_begin(partner *one, const double *position_m, int axes) {
-    one->since_s = 0.0;
+    one->share = 0.0;
     one->stiffness_npm = 0.0;
     for (int axis = 0; axis < axes; axis++) {
         one->place_m[axis] = one->intention_m[axis] = position_m[axis];
@@ -2870,10 +2870,10 @@ static void partners_step(cogrip_client *client, double K, double B) {
     for (int place = 0; place < all->count; place++) {
         partner *one = &all->known[place];
         one->age_s += client->tick_s;
-        one->since_s += client->tick_s;
         const double left = most(0.0, 1.0 - most(0.0, one->silent_s - SILENT_S) / SILENT_S);
         const double reach_s = least(most(0.0, one->age_s), HORIZON_S);
-        one->stiffness_npm = one->told.stiffness_npm * left * least(1.0, one->since_s / GROW_S);
+        one->share = least(left, one->share + client->tick_s / GROW_S);
+        one->stiffness_npm = one->told.stiffness_npm * one->share;
         for (int axis = 0; axis < client->axes; axis++)
             one->intention_m[axis] = one->told.place_m[axis] + reach_s * one->told.rate_mps[axis];
     }

@@ -1,5 +1,6 @@
 """A client's copy of the object, and partners as its messages tell of them."""
 
+from itertools import pairwise
 from typing import Any
 
 from cogrip.client.coupling.partner import PartnerCoupling
@@ -40,4 +41,32 @@ def test_a_partner_who_comes_far_from_the_copy_pulls_as_its_stiffness_grows() ->
         coupling.elapse((0.0,), (0.0,))
         forces.append(coupling.force((0.04,), (0.0,))[0])
     assert forces[-1] > 5.0
-    assert max(abs(b - a) for a, b in zip(forces, forces[1:], strict=False)) < 0.1
+    assert max(abs(b - a) for a, b in pairwise(forces)) < 0.1
+
+
+def test_the_stiffness_of_a_partner_who_comes_back_grows_as_that_of_one_who_comes() -> None:
+    coupling = coupling_of()
+
+    def frames(count: int, silent: bool = False) -> float:
+        """Let frames pass. Return the largest step of the stiffness of the partner's model."""
+        most, before = 0.0, 0.0
+        for _ in range(count):
+            coupling.end_frame()
+            if not silent:
+                coupling.receive(told(len(seen), intent(1, 0.0, made_ns=1 + len(seen))))
+            seen.append(0)
+            coupling.start_frame()
+            for _ in range(8):
+                coupling.elapse((0.0,), (0.0,))
+                coupling.force((0.0,), (0.0,))
+                now = coupling.partners[1].model.stiffness_npm
+                most, before = max(most, now - before), now
+        return most
+
+    seen: list[int] = []
+    came = frames(128)
+    assert coupling.partners[1].model.stiffness_npm == 150.0
+    frames(128, silent=True)
+    assert coupling.partners[1].model.stiffness_npm == 0.0
+    assert frames(128) <= came * (1.0 + 1e-9)
+    assert coupling.partners[1].model.stiffness_npm == 150.0

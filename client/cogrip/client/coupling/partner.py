@@ -41,7 +41,7 @@ class Known:
         self.intent: Intent | None = None
         self.age_s = 0.0  # of the intention, now
         self.silent_s = 0.0  # since it was new
-        self.since_s = 0.0  # since the partner was there first
+        self.share = 0.0  # of its stiffness that its model has: it grows in GROW_S
         self.donated_j: float | None = None  # counter that is credited
         self.stirred_m: list[float] | None = None  # where its intention was taken to be, a frame ago
 
@@ -188,7 +188,7 @@ class PartnerCoupling(LatestStateCoupling[Partner]):
         self.intention.begin(position_m)
         self.release.begin()
         for known in self.partners.values():
-            known.model, known.since_s, known.stirred_m = Model(position_m), 0.0, None
+            known.model, known.share, known.stirred_m = Model(position_m), 0.0, None
 
     def _rendered(self) -> tuple[float, float]:
         """Return K and B that the device carries."""
@@ -215,11 +215,10 @@ class PartnerCoupling(LatestStateCoupling[Partner]):
         intent, model = known.intent, known.model
         assert intent is not None
         known.age_s += self._tick_s
-        known.since_s += self._tick_s
         left = max(0.0, 1.0 - max(0.0, known.silent_s - SILENT_S) / SILENT_S)
-        there = min(1.0, known.since_s / GROW_S)
+        known.share = min(left, known.share + self._tick_s / GROW_S)
         told = known.trust.stiffness_npm(intent.stiffness_npm, self.grip.stiffness_npm, self._spring[0])
-        model.stiffness_npm = told * left * there
+        model.stiffness_npm = told * known.share
         model.age_s = known.age_s
         model.intention_m = ahead(intent.intention_m, intent.rate_mps, known.age_s)
         return model
