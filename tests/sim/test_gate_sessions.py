@@ -2,6 +2,7 @@
 
 import pytest
 
+from cogrip.client.coupling.choosing import Trust
 from cogrip.client.coupling.spring_gate import SpringGate
 
 from tests.extent import every
@@ -22,8 +23,22 @@ def test_a_liar_who_says_that_it_gave_without_end_passes_its_power_alone() -> No
     assert 0.0 < found.passed_j <= POWER_W * (2.0 + 0.25 + 1.0 / 128.0)
 
 
-def test_without_gates_hands_take_what_nobody_put_in(monkeypatch: pytest.MonkeyPatch) -> None:
+@pytest.fixture
+def stiff_models(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Let every model be twice as stiff as its hand, which makes loops of two grow."""
+    monkeypatch.setattr(Trust, "stiffness_npm", lambda self, told, own, spring: min(2.0 * told, 400.0))
+
+
+@pytest.mark.usefixtures("stiff_models")
+@pytest.mark.parametrize("seed", (0, 1))
+def test_gates_hold_where_models_are_wrong(seed: int) -> None:
+    assert outcome_of(seed, liars=0).spare_j >= -1e-9
+
+
+@pytest.mark.usefixtures("stiff_models")
+@pytest.mark.parametrize("seed", (0, 1))
+def test_without_gates_hands_take_what_nobody_put_in(seed: int, monkeypatch: pytest.MonkeyPatch) -> None:
     """The harness sees a leak where there is one."""
     monkeypatch.setattr(SpringGate, "cut", lambda self, stretch, stiffness: 1.0)
     monkeypatch.setattr(SpringGate, "pay", lambda self, stretch, K, damper, velocity, B: damper)
-    assert all(outcome_of(seed, liars=0).spare_j < -1.0 for seed in (9,))
+    assert outcome_of(seed, liars=0).spare_j < -1.0
