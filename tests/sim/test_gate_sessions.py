@@ -30,13 +30,13 @@ def stiff_models(monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 @pytest.mark.usefixtures("stiff_models")
-@pytest.mark.parametrize("seed", (0, 1))
+@pytest.mark.parametrize("seed", [0, 1])
 def test_gates_hold_where_models_are_wrong(seed: int) -> None:
     assert outcome_of(seed, liars=0).spare_j >= -1e-9
 
 
 @pytest.mark.usefixtures("stiff_models")
-@pytest.mark.parametrize("seed", (0, 1))
+@pytest.mark.parametrize("seed", [0, 1])
 def test_without_gates_hands_take_what_nobody_put_in(seed: int, monkeypatch: pytest.MonkeyPatch) -> None:
     """The harness sees a leak where there is one."""
     monkeypatch.setattr(SpringGate, "cut", lambda self, stretch, stiffness: 1.0)
