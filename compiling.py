@@ -2,8 +2,8 @@
 
 Types for a compiler stand in a tree of their own, `compiled/`, in the places of their modules. A module `x.py` with an `x.pxd`
 there is compiled as it is, its classes as structs; `x.pyx` is there only compiled, or in place of an `x.py` with the same
-functions. The results lie beside the modules and take the place of these when they are imported. They are no part of the
-project, and nothing needs them; `dev.py` removes what is of sources that were changed meanwhile.
+functions. The results lie in `.built` (of a wheel in `compiled/built`); a process has all of them from its start on, or none
+(`cogrip.machine.compiled_files`). They are no part of the project, and nothing needs them.
 In a wheel this file is `cogrip.cli.compiling`, for `cogrip compile`; what it makes is entered in the list of what pip has
 installed, so that pip removes it with the version that it is of.
 What is compiled is a copy in which functions have the values of numeric constants in place of their names (`with_values`): a
@@ -22,13 +22,16 @@ import contextlib
 import csv
 import hashlib
 import importlib
+import importlib.util
 import json
 import math
 import os
 import shutil
+import subprocess
 import sys
 import sysconfig
 import tempfile
+import time
 from collections.abc import Iterable, Iterator, Mapping
 from pathlib import Path
 from typing import Any
@@ -39,6 +42,7 @@ ROOT = HERE.parents[1] if INSTALLED else HERE
 COMMAND = "cogrip compile" if INSTALLED else "python3 dev.py compile"
 TYPES = ROOT / ("cogrip/machine/compiled" if INSTALLED else "compiled")  # tree of what a compiler alone reads
 PARTS = ("machine", "protocol", "devices", "client", "server")
+BUILT = TYPES / "built" if INSTALLED else ROOT / ".built"
 SUFFIX = str(sysconfig.get_config_var("EXT_SUFFIX"))
 FLAGS = [
     "-O2",
@@ -55,9 +59,6 @@ FLAGS = [
 COLD = "static void __Pyx_AddTraceback(const char *, int, int, const char *) __attribute__((cold));\n"
 """Declaration ahead of each module's C code: the compiler takes every path to this function for one that is not taken."""
 LINKER_FLAGS = ["-Wl,-z,noseparate-code,-z,norelro,-z,now", "-Wl,--sort-section=name"]  # flags of the linker on Linux
-STAMP = (
-    ROOT / ("cogrip" if INSTALLED else ".venv") / "cogrip-compiled.json"
-)  # digest of the sources of what is compiled
 LINUX_ONLY = ("datagram_batch", "large_pages")
 DIRECTIVES = {
     "language_level": 3,
@@ -65,6 +66,17 @@ DIRECTIVES = {
     "binding": False,
     "nonecheck": True,  # an attribute of None raises, as it does interpreted, and does not end the process
 }
+
+
+def files() -> Any:
+    """Return the module `cogrip.machine.compiled_files` of this checkout or wheel, which needs no other one."""
+    source = folder_of("machine") / ("" if INSTALLED else "machine") / "compiled_files.py"
+    spec = importlib.util.spec_from_file_location("compiled_files", source)
+    assert spec is not None
+    assert spec.loader is not None
+    module = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+    return module
 
 
 def base_of(part: str) -> Path:
@@ -91,11 +103,6 @@ def sources() -> list[tuple[str, Path]]:
     return found
 
 
-def place_of(name: str) -> Path:
-    """Return the place of a module's compiled form, beside its source."""
-    return base_of(name.split(".")[1]) / Path(*name.split(".")).with_name(_last(name) + SUFFIX)
-
-
 def digest() -> str:
     """Return the digest of all sources: of interpreted modules too, whose constants compiled ones have."""
     found = hashlib.sha256(Path(__file__).read_bytes())
@@ -106,30 +113,22 @@ def digest() -> str:
 
 
 def stale() -> bool:
-    """Return whether something is compiled of sources that have been changed since, or of nobody knows which, or is gone."""
-    if not all(each.exists() for each in compiled()):  # a link to a library that was removed
-        return True
-    if not STAMP.exists():  # the environment that it was in was made anew
-        return any(compiled())
-    return bool(json.loads(STAMP.read_text()) != digest())
+    """Return whether nothing was compiled of the sources as they are."""
+    known = files()
+    return known.read_built(known.built_folder() / known.NAME) is None or bool(known.why_interpreted())
 
 
-def compiled() -> Iterator[Path]:
-    """Yield what was compiled, of sources that are gone too."""
-    for part in PARTS:
-        for suffix in (".so", ".pyd"):
-            yield from folder_of(part).rglob(f"*{suffix}")
-
-
-def remove() -> int:
+def remove(built: Path = BUILT) -> int:
     """Remove what was compiled, and return the number of modules."""
-    modules = set()
-    for each in list(compiled()):
-        modules.add(each.with_name(each.name.partition(".")[0]))
-        each.unlink()
-    STAMP.unlink(missing_ok=True)
+    number = 0
+    for told in built.glob("form*.json"):
+        with contextlib.suppress(ValueError, KeyError):
+            number += len(json.loads(told.read_text("utf-8"))["libraries"])
+        told.unlink()  # first: no process may choose what is being removed
+    if built.exists():
+        shutil.rmtree(built)
     enter([])
-    return len(modules)
+    return number
 
 
 def enter(made: Iterable[Path]) -> None:
@@ -138,7 +137,7 @@ def enter(made: Iterable[Path]) -> None:
         return
     for record in ROOT.glob("cogrip-*.dist-info/RECORD"):
         rows = list(csv.reader(record.read_text("utf-8").splitlines()))
-        ours = [row for row in rows if not row[0].endswith((".so", ".pyd", STAMP.name))]
+        ours = [row for row in rows if "/compiled/built/" not in row[0]]
         ours += [[each.relative_to(ROOT).as_posix(), "", ""] for each in made]
         if ours != rows:
             with record.open("w", encoding="utf-8", newline="") as file:
@@ -209,7 +208,8 @@ def copy_sources(folder: Path) -> list[tuple[str, Path]]:
     """Write what is compiled of each source into a folder. Return the modules: name, and path in the folder."""
     found = []
     for name, source in sources():
-        path = place_of(name).relative_to(ROOT).with_name(_last(name) + source.suffix)
+        place = base_of(name.split(".")[1]) / Path(*name.split("."))
+        path = place.relative_to(ROOT).with_name(_last(name) + source.suffix)
         text = source.read_text("utf-8")
         if path.suffix == ".py":
             module = importlib.import_module(name)
@@ -223,8 +223,11 @@ def copy_sources(folder: Path) -> list[tuple[str, Path]]:
     return found
 
 
-def compile_all(folder: Path, checkout: Path = ROOT) -> None:
-    """Compile everything in a folder, then put it beside the sources of a checkout, where nothing compiled may lie."""
+def compile_all(folder: Path, built: Path) -> None:
+    """Compile everything in a folder, then put it into another one, from which processes that start then take it.
+
+    Raises RuntimeError where sources were changed meanwhile.
+    """
     from Cython.Build import cythonize
     from setuptools import Distribution, Extension  # type: ignore[import-untyped]
 
@@ -232,13 +235,14 @@ def compile_all(folder: Path, checkout: Path = ROOT) -> None:
     (folder / "cold.h").write_text(COLD, "utf-8")
     flags = [] if sys.platform == "win32" else [*FLAGS, "-include", str(folder.resolve() / "cold.h")]
     linker_flags = LINKER_FLAGS if sys.platform == "linux" else []
+    known, wanted = files().fingerprint(), digest()
     copies = copy_sources(folder / "source")
     modules = [
         Extension(name, [str(path)], extra_compile_args=flags, extra_link_args=linker_flags) for name, path in copies
     ]
     with contextlib.chdir(folder / "source"):  # tracebacks name the sources as they lie in a checkout
         generated = cythonize(  # type: ignore[no-untyped-call]
-            modules, include_path=[str(TYPES)], build_dir=str(folder / "c"), force=True,
+            modules, include_path=[str(TYPES)], build_dir=str(folder / "c"), force=True, nthreads=os.cpu_count() or 1,
             quiet=True, compiler_directives=DIRECTIVES,
         )  # fmt: skip
     command = Distribution({"ext_modules": generated}).get_command_obj("build_ext")
@@ -246,16 +250,18 @@ def compile_all(folder: Path, checkout: Path = ROOT) -> None:
     command.parallel = True
     command.ensure_finalized()
     command.run()
-    places = {name: checkout / place_of(name).relative_to(ROOT) for name, _ in copies}
-    made = {name: folder / "lib" / Path(*name.split(".")).with_name(place.name) for name, place in places.items()}
-    if sys.platform == "linux" and _has_links(next(iter(places.values())).parent):
+    if sys.platform == "linux":
         with contextlib.chdir(folder / "source"):
             objects = {
                 each.name: command.compiler.object_filenames(each.sources, output_dir=command.build_temp)
                 for each in generated
             }
             made = link_together(command.compiler, objects, folder.resolve())
-    put(made, places)
+    else:
+        made = {name: Path(command.get_ext_fullpath(name)) for name, _ in copies}
+    if digest() != wanted:
+        raise RuntimeError("sources were changed meanwhile")
+    put(made, built, known)
 
 
 def link_together(compiler: Any, objects: Mapping[str, list[str]], folder: Path) -> dict[str, Path]:
@@ -272,27 +278,27 @@ def link_together(compiler: Any, objects: Mapping[str, list[str]], folder: Path)
     return made
 
 
-def put(made: Mapping[str, Path], places: Mapping[str, Path]) -> None:
-    """Copy each library to the place of the first module that it has, and lead there by links from those of the others."""
-    first: dict[Path, Path] = {}
-    for name, library in made.items():
-        place = places[name]
-        if library in first:
-            place.symlink_to(os.path.relpath(first[library], place.parent))
-        else:
-            shutil.copy(library, place)
-            first[library] = place
+def put(made: Mapping[str, Path], built: Path, sources: Iterable[int]) -> None:
+    """Copy libraries into a new folder, then tell at one blow that they are there. The ones before stay for who has them.
 
-
-def _has_links(folder: Path) -> bool:
-    """Return whether a link can be made in a folder: some file systems have none."""
-    probe = folder / f"link-{os.getpid()}"
-    try:
-        probe.symlink_to(".")
-    except OSError:
-        return False
-    probe.unlink()
-    return True
+    made: library of each module; sources: fingerprint of what they were made of
+    """
+    folder = built / f"{time.time_ns():x}"
+    folder.mkdir(parents=True)
+    names = {library: f"{number}{SUFFIX}" for number, library in enumerate(sorted(set(made.values())))}
+    for library, name in names.items():
+        shutil.copy(library, folder / name)
+    told = built / files().NAME
+    with contextlib.suppress(OSError, ValueError, KeyError):
+        before = json.loads(told.read_text("utf-8"))["folder"]
+        for each in built.iterdir():
+            if each.is_dir() and each.name not in (before, folder.name):
+                shutil.rmtree(each)
+    libraries = {name: names[library] for name, library in made.items()}
+    text = {"folder": folder.name, "libraries": libraries, "sources": [*sources]}
+    draft = folder / "form.json"
+    draft.write_text(json.dumps(text), "utf-8")
+    draft.replace(told)
 
 
 def shared_libraries(names: Iterable[str]) -> list[list[str]]:
@@ -314,13 +320,50 @@ def _last(name: str) -> str:
     return name.rpartition(".")[2]
 
 
-def main(arguments: list[str]) -> int:
+def in_background() -> bool:
+    """Start compiling in a process of its own, which begins as whoever called this has ended, and takes what others leave.
+
+    Return False where there is nothing to do, or no compiler.
+    """
+    if os.name == "nt" or not has_compiler() or not stale():
+        return False
+    (BUILT).mkdir(exist_ok=True)
+    with (BUILT / "log").open("w", encoding="utf-8") as log:
+        subprocess.Popen(
+            [str(ROOT / ".venv/bin/python"), str(HERE / "compiling.py"), "--background", str(os.getpid())],
+            stdin=subprocess.DEVNULL, stdout=log, stderr=log, start_new_session=True,
+        )  # fmt: skip
+    return True
+
+
+def wait_in_background(starter: int) -> bool:
+    """Wait until the process that started this one has ended. Return False where another one compiles already."""
+    import fcntl
+
+    lock = os.open(BUILT / "lock", os.O_RDWR | os.O_CREAT)
     try:
-        removed = remove()
-    except OSError as error:
-        print(f"{COMMAND}: {error.filename}: {error.strerror}; run it as whoever installed cogrip")
-        return 1
+        fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)  # until this process ends
+    except OSError:
+        return False
+    os.nice(19)
+    if hasattr(os, "SCHED_IDLE"):
+        with contextlib.suppress(OSError):
+            os.sched_setscheduler(0, os.SCHED_IDLE, os.sched_param(0))
+    while os.getppid() == starter:
+        time.sleep(0.5)
+    return stale()
+
+
+def main(arguments: list[str]) -> int:
+    os.environ["COGRIP_FORM"] = "interpreted"  # what is imported below are the sources
+    if arguments[:1] == ["--background"] and not wait_in_background(int(arguments[1])):
+        return 0
     if arguments == ["--remove"]:
+        try:
+            removed = remove()
+        except OSError as error:
+            print(f"{COMMAND}: {error.filename}: {error.strerror}; run it as whoever installed cogrip")
+            return 1
         what = f"removed {removed} compiled module{'' if removed == 1 else 's'}" if removed else "nothing was compiled"
         print(f"{what}; cogrip runs interpreted")
         return 0
@@ -329,16 +372,15 @@ def main(arguments: list[str]) -> int:
         return 1
     with tempfile.TemporaryDirectory() as folder:
         try:
-            wanted = digest()
-            compile_all(Path(folder))
-            STAMP.write_text(json.dumps(wanted))
-            enter([*compiled(), STAMP])
+            compile_all(Path(folder), BUILT)
+            enter(each for each in BUILT.rglob("*") if each.is_file())
+        except OSError as error:
+            print(f"{COMMAND}: {error.filename}: {error.strerror}; run it as whoever installed cogrip")
+            return 1
         except Exception as error:  # noqa: BLE001 - whatever a compiler or its set-up lacks
-            with contextlib.suppress(OSError):
-                remove()
             lacks = isinstance(error, ImportError) and INSTALLED
             cure = "; pip install 'cogrip[compile]' has what it needs" if lacks else ""
-            print(f"{COMMAND}: {type(error).__name__}: {error}{cure}; cogrip runs interpreted")
+            print(f"{COMMAND}: {type(error).__name__}: {error}{cure}; cogrip runs as before")
             return 1
     print(f"compiled {len(sources())} modules; `{COMMAND} --remove` removes them")
     return 0

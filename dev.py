@@ -2,15 +2,15 @@
 
 usage: python3 dev.py COMMAND [ARGS...]
 
-  setup      make .venv: every package from requirements.lock, checked by hash, and cogrip itself, editable
+  setup      make .venv: every package from requirements.lock, checked by hash, and cogrip itself, editable; then compile in
+             the background, at idle priority, where there is a C compiler and not `--no-compile`
   demo       set up, then `cogrip demo ARGS`
   test       set up, then `pytest ARGS`; without ARGS the suite on three processes, in about 4 minutes on two cores
              --quick: units only, in under a minute; --all: also the long tests and every example of each law, then the
              benchmarks of every impaired network and of half an hour of live sessions: about two hours
   bench      set up, then a benchmark: `python3 dev.py bench --help` lists them
   lint       set up, then check format, style, types (as on Linux, Windows and macOS) and import contracts
-  compile    set up, then compile what a server does once a person and frame and a client once a tick, beside its sources;
-             `--remove` removes that.
+  compile    set up, then compile what a server does once a person and frame and a client once a tick; `--remove` removes it.
              Never needed: without, everything runs interpreted. Takes a C compiler and some minutes
   rerecord   set up, then record the sessions of tests/recordings anew: when behaviour is meant to change
   run        set up, then any command of the environment: `python3 dev.py run cogrip --help`
@@ -62,16 +62,29 @@ LINTERS = (
 
 
 def setup(*args: str) -> int:
+    """Make `.venv`, and have what costs time compiled in the background."""
+    if args not in ((), ("--no-compile",)):
+        raise SystemExit(f"dev.py: setup takes --no-compile or nothing, got {' '.join(args)!r}")
+    code = prepare()
+    if not args:
+        compile_in_background()
+    return code
+
+
+def compile_in_background() -> None:
+    if compiling.in_background():
+        print(
+            "dev.py: compiles in the background what costs time: what starts after some minutes is faster, with the same "
+            "numbers (`python3 dev.py compile --remove` goes back)", file=sys.stderr,
+        )  # fmt: skip
+
+
+def prepare() -> int:
     """Bring `.venv` up to date with the lock, the project file, this Python and this folder; at once if it is."""
-    if args:
-        raise SystemExit(f"dev.py: setup takes no arguments, got {' '.join(args)!r}")
     # A virtual environment holds absolute paths: a checkout that was moved or copied needs a new one.
     packages = [sys.version, sys.base_prefix, str(VENV), _digest(LOCK)]
     wanted = {"packages": packages, "project": _digest(PROJECT)}
     found = json.loads(STAMP.read_text()) if STAMP.exists() else {}
-    if compiling.stale():
-        print("dev.py: sources have changed: what was compiled of them is removed", file=sys.stderr)
-        compiling.remove()
     if found == wanted:
         return 0
     _need_pip()
@@ -87,7 +100,9 @@ def setup(*args: str) -> int:
 
 
 def demo(*args: str) -> int:
-    return setup() or _become("cogrip", "demo", *args)
+    prepare()
+    compile_in_background()  # once the demonstration has ended, whose loops need the processors
+    return _become("cogrip", "demo", *args)
 
 
 def test(*args: str) -> int:
@@ -98,8 +113,8 @@ def test(*args: str) -> int:
     # Three, also on two cores: one of them has the live tests, which wait more than they compute.
     command = ["pytest", *args, *(("-n", "3", "--dist", "worksteal") if whole else ())]
     if args != ("--all",):
-        return setup() or _become(*command)
-    setup()
+        return prepare() or _become(*command)
+    prepare()
     _put_tests_on_path()
     commands = (command, ["python", "-m", "tests.bench", "impaired"], ["python", "-m", "tests.bench", "soak"])
     return max([_call(_tool(command[0]), *command[1:]) for command in commands])
@@ -107,7 +122,7 @@ def test(*args: str) -> int:
 
 def bench(*args: str) -> int:
     os.chdir(ROOT)
-    setup()
+    prepare()
     _put_tests_on_path()
     return _become("python", "-m", "tests.bench", *args)
 
@@ -121,7 +136,7 @@ def lint(*args: str) -> int:
     """Run every linter, also after one has failed, and name the ones that did."""
     if args:
         raise SystemExit(f"dev.py: lint takes no arguments, got {' '.join(args)!r}; use `dev.py run ruff ...`")
-    setup()
+    prepare()
     failed = []
     with tempfile.TemporaryDirectory() as folder:
         running = []
@@ -146,22 +161,22 @@ def compile_(*args: str) -> int:
     """Compile every module that has a `.pxd` in `compiled`, and every `.pyx` there, for this Python; or remove what was."""
     if args not in ((), ("--remove",)):
         raise SystemExit(f"dev.py: compile takes --remove or nothing, got {' '.join(args)!r}")
-    if args:  # before `setup`, which removes what is stale without counting it
+    if args:  # needs no environment
         return compiling.main([*args])
-    setup()
+    prepare()
     return _become("python", str(ROOT / "compiling.py"))
 
 
 def rerecord(*args: str) -> int:
     if args:
         raise SystemExit(f"dev.py: rerecord takes no arguments, got {' '.join(args)!r}")
-    return setup() or _become("python", str(ROOT / "tests" / "recordings" / "record.py"))
+    return prepare() or _become("python", str(ROOT / "tests" / "recordings" / "record.py"))
 
 
 def run(*args: str) -> int:
     if not args:
         raise SystemExit("dev.py: run needs a command of the environment, such as `run cogrip --help`")
-    return setup() or _become(*args)
+    return prepare() or _become(*args)
 
 
 def lock(*args: str) -> int:

@@ -18,8 +18,6 @@ from pathlib import Path
 import pytest
 from hypothesis import HealthCheck, settings
 
-from cogrip.machine.compiled_files import outdated
-
 pytest_plugins = ("tests.stalls",)
 QUICK_FOLDERS = ("machine", "protocol", "devices", "client", "server")
 NOT_QUICK = {  # modules in these folders that start processes, simulate whole sessions or play recordings again
@@ -79,8 +77,6 @@ def pytest_addoption(parser: pytest.Parser) -> None:
 
 
 def pytest_configure(config: pytest.Config) -> None:
-    if changed := outdated():
-        raise pytest.UsageError(f"what was compiled is not of these sources: {', '.join(changed)}; see dev.py compile")
     settings.load_profile(extent(config))
     gc.disable()  # until all is collected: nearly nothing of it is garbage
 

@@ -15,5 +15,5 @@ needs_interpreted = pytest.mark.skipif(
 
 def source_of(name: str) -> Path:
     """Return the source of a module, compiled or not."""
-    path = Path(str(import_module(name).__file__))
-    return path.with_name(f"{name.rpartition('.')[2]}.py")
+    package, _, last = name.rpartition(".")
+    return Path(import_module(package).__path__[0]) / f"{last}.py"

@@ -9,6 +9,7 @@ import shutil
 import subprocess
 import sys
 import zipfile
+from functools import partial
 from pathlib import Path
 from types import ModuleType, SimpleNamespace
 
@@ -18,7 +19,7 @@ import pytest
 
 from cogrip.cli.main import main
 from cogrip.machine import compiled_files
-from cogrip.machine.compiled_files import compiled_modules, form
+from cogrip.machine.compiled_files import form
 
 ROOT = Path(__file__).parent.parent
 LAWS = (
@@ -35,56 +36,15 @@ LAWS = (
 def test_every_type_file_has_its_module() -> None:
     found = compiling.sources()
     assert all(source.exists() for _, source in found)
-    assert compiled_files.PARTS == compiling.PARTS
-    names = {name for name, source in found if source.suffix == ".py"}  # others are there only compiled
-    assert set(compiled_modules()) == {name for name, _ in found}
-    for name in names:
+    assert (compiled_files.PARTS, compiled_files.LINUX_ONLY) == (compiling.PARTS, compiling.LINUX_ONLY)
+    assert compiled_files.built_folder() == compiling.BUILT
+    assert compiled_files.part_folders() == {
+        f"cogrip.{part}": compiling.folder_of(part) / part for part in compiling.PARTS
+    }
+    chosen = compiled_files.chosen()
+    for name in (name for name, source in found if source.suffix == ".py"):  # others are there only compiled
         module = importlib.import_module(name)
-        assert compiled_modules()[name] is not str(module.__file__).endswith(".py"), "of the form that is said"
-
-
-def test_the_form_is_that_of_every_module(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
-    folder, types = tmp_path / "protocol", tmp_path / "compiled" / "cogrip" / "protocol"
-    folder.mkdir()
-    types.mkdir(parents=True)
-    monkeypatch.setattr(compiled_files, "folders_of_parts", lambda: {"cogrip.protocol": folder})
-    monkeypatch.setattr(compiled_files, "types_folder", lambda: tmp_path / "compiled")
-    for place in (
-        folder / "clock.py",
-        folder / "waves.py",
-        folder / "sender.py",
-        types / "clock.pxd",
-        types / "sender.pxd",
-    ):
-        place.touch()
-    assert compiled_modules() == {"cogrip.protocol.clock": False, "cogrip.protocol.sender": False}
-    assert form() == "interpreted"
-    (folder / f"sender{compiling.SUFFIX}").touch()
-    assert form() == "partly compiled: 1 of 2 modules"
-    (folder / f"clock{compiling.SUFFIX}").touch()
-    assert form() == "compiled"
-
-
-def test_a_folder_called_cogrip_beside_a_script_is_none_of_ours(tmp_path: Path) -> None:
-    """Python takes it into the namespace: a checkout with its environment, or any folder with libraries in it."""
-    foreign = tmp_path / "cogrip" / ".venv" / "Cython"
-    foreign.mkdir(parents=True)
-    for name, seconds in ((f"Scanning{compiling.SUFFIX}", 1000), ("Scanning.pxd", 1000), ("Shadow.py", 1001)):
-        (foreign / name).touch()
-        os.utime(foreign / name, (seconds, seconds))
-    server = tmp_path / "cogrip" / "server"  # as in a checkout: a folder, and no package
-    server.mkdir()
-    shutil.copy(foreign / f"Scanning{compiling.SUFFIX}", server)
-    script = tmp_path / "script.py"
-    script.write_text(
-        "import cogrip\n"
-        "from cogrip.machine.compiled_files import compiled_modules, outdated\n"
-        "print(cogrip.__path__[0])\n"
-        "print(*compiled_modules(), *outdated())\n"
-    )
-    environment = {name: value for name, value in os.environ.items() if name != "PYTHONSAFEPATH"}
-    ran = subprocess.run([sys.executable, script], capture_output=True, text=True, check=True, env=environment)
-    assert ran.stdout.splitlines() == [str(tmp_path / "cogrip"), " ".join(compiled_modules())]
+        assert str(module.__file__).endswith(".py") is (chosen is None), "of the form that is said"
 
 
 def test_an_installation_by_pip_is_compiled_by_its_own_command(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -94,44 +54,47 @@ def test_an_installation_by_pip_is_compiled_by_its_own_command(monkeypatch: pyte
     assert compiled_files.compile_command() == "cogrip compile"
 
 
-def test_what_is_compiled_of_older_sources_is_stale(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
-    monkeypatch.setattr(compiling, "STAMP", tmp_path / "stamp.json")
-    monkeypatch.setattr(compiling, "ROOT", tmp_path)
-    (tmp_path / "client/cogrip").mkdir(parents=True)
-    assert not compiling.stale()
-    (tmp_path / "client/cogrip/loop.cpython-311.so").touch()
-    assert compiling.stale(), "of nobody knows which, where the environment was made anew"
-    compiling.STAMP.write_text(json.dumps(compiling.digest()))
-    assert not compiling.stale()
-    monkeypatch.setattr(compiling, "digest", lambda: "of other sources")
-    assert compiling.stale()
+def test_libraries_are_put_beside_the_ones_before_and_told_at_one_blow(tmp_path: Path) -> None:
+    """A process that has the ones before imports from them to its end."""
+    built, sources = tmp_path / "built", [1, 2, 3]
+    generations = []
+    for number in range(3):
+        libraries = {name: tmp_path / str(number) / name for name in ("0.so", "1.so")}
+        for name, library in libraries.items():
+            library.parent.mkdir(exist_ok=True)
+            library.write_text(f"{name} {number}")
+        compiling.put(
+            {"core": libraries["0.so"], "loop": libraries["0.so"], "alone": libraries["1.so"]}, built, sources
+        )
+        modules, of = compiled_files.read_built(built / compiled_files.NAME) or pytest.fail("not whole")
+        assert of == (1, 2, 3)
+        assert modules.libraries["core"] == modules.libraries["loop"] != modules.libraries["alone"]
+        assert (modules.folder / modules.libraries["alone"]).read_text() == f"1.so {number}"
+        generations.append(modules.folder)
+    assert [folder.exists() for folder in generations] == [False, True, True]
+    assert len(list(built.iterdir())) == 3
+    assert compiling.remove(built) == 3
+    assert not built.exists()
 
 
-def test_a_link_to_a_library_that_is_gone_is_stale(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
-    monkeypatch.setattr(compiling, "STAMP", tmp_path / "stamp.json")
-    monkeypatch.setattr(compiling, "ROOT", tmp_path)
-    compiling.STAMP.write_text(json.dumps(compiling.digest()))
-    folder = tmp_path / "client/cogrip"
-    folder.mkdir(parents=True)
-    (folder / "core.cpython-311.so").touch()
-    (folder / "loop.cpython-311.so").symlink_to("core.cpython-311.so")
-    assert not compiling.stale()
-    (folder / "core.cpython-311.so").unlink()
-    assert compiling.stale()
-    assert compiling.remove() == 1
-    assert not list(folder.iterdir())
+def test_a_second_process_leaves_the_first_one_to_compile(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    fcntl = pytest.importorskip("fcntl")
+    monkeypatch.setattr(compiling, "BUILT", tmp_path)
+    with (tmp_path / "lock").open("w") as lock:
+        fcntl.flock(lock, fcntl.LOCK_EX)
+        assert compiling.main(["--background", str(os.getppid())]) == 0
+    assert [each.name for each in tmp_path.iterdir()] == ["lock"]
 
 
-def test_a_library_lies_once_with_links_to_it(tmp_path: Path) -> None:
-    library, other = tmp_path / "0.so", tmp_path / "1.so"
-    library.write_text("code")
-    other.write_text("more")
-    (tmp_path / "a").mkdir()
-    places = {"core": tmp_path / "core.so", "loop": tmp_path / "a/loop.so", "alone": tmp_path / "a/alone.so"}
-    compiling.put({"core": library, "loop": library, "alone": other}, places)
-    assert [places[name].is_symlink() for name in places] == [False, True, False]
-    assert [places[name].read_text() for name in places] == ["code", "code", "more"]
-    assert not os.path.isabs(os.readlink(places["loop"])), "a checkout can be moved"
+def test_set_up_compiles_in_the_background_but_where_it_is_told_not_to(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setattr(dev, "prepare", lambda: 0)
+    monkeypatch.setattr(compiling, "in_background", lambda: True)
+    assert dev.setup("--no-compile") == 0
+    assert capsys.readouterr().err == ""
+    assert dev.setup() == 0
+    assert re.fullmatch(r"dev\.py: compiles in the background.*--remove.*\n", capsys.readouterr().err)
 
 
 def test_modules_share_libraries_in_which_each_is_found_by_its_name() -> None:
@@ -149,26 +112,25 @@ def test_modules_share_libraries_in_which_each_is_found_by_its_name() -> None:
 
 
 @pytest.mark.parametrize(
-    ("made", "said"),
+    ("modules", "said"),
     [
-        ([], "nothing was compiled; cogrip runs interpreted"),
-        (["a.cpython-311.so"], "removed 1 compiled module; cogrip runs interpreted"),
-        (["a.cp311.so", "a.cp312.so", "io/a.cp311.pyd"], "removed 2 compiled modules; cogrip runs interpreted"),
+        ((), "nothing was compiled; cogrip runs interpreted"),
+        (("core",), "removed 1 compiled module; cogrip runs interpreted"),
+        (("core", "loop"), "removed 2 compiled modules; cogrip runs interpreted"),
     ],
 )
 def test_what_is_removed_is_said_in_one_line(
-    monkeypatch: pytest.MonkeyPatch, tmp_path: Path, capsys: pytest.CaptureFixture[str], made: list[str], said: str
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path, capsys: pytest.CaptureFixture[str], modules: list[str], said: str
 ) -> None:
-    monkeypatch.setattr(compiling, "STAMP", tmp_path / "stamp.json")
-    monkeypatch.setattr(compiling, "ROOT", tmp_path)
-    (tmp_path / "server/cogrip/io").mkdir(parents=True)
-    compiling.STAMP.write_text('"of other sources"')  # stale: what was compiled is counted nevertheless
-    monkeypatch.setattr(dev, "setup", lambda: pytest.fail("removing needs no environment"))
-    for name in made:
-        (tmp_path / "server/cogrip" / name).touch()
+    (library := tmp_path / "0.so").touch()
+    if modules:
+        compiling.put(dict.fromkeys(modules, library), tmp_path / "built", [1, 2, 3])
+    monkeypatch.setattr(compiling, "remove", partial(compiling.remove, tmp_path / "built"))
+    monkeypatch.setattr(dev, "prepare", lambda: pytest.fail("removing needs no environment"))
+    monkeypatch.setenv(compiled_files.CHOSEN, "")
     assert dev.compile_("--remove") == 0
     assert capsys.readouterr() == (f"{said}\n", "")
-    assert not [each for each in tmp_path.rglob("*") if each.is_file()]
+    assert not (tmp_path / "built").exists()
 
 
 def test_the_constants_of_another_checkout_are_not_taken(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
@@ -182,7 +144,7 @@ def test_without_a_compiler_one_line_says_so(
     monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     monkeypatch.setattr(compiling, "has_compiler", lambda: False)
-    monkeypatch.setattr(compiling, "remove", lambda: None)
+    monkeypatch.setenv(compiled_files.CHOSEN, "")
     assert compiling.main([]) == 1
     assert re.fullmatch(r".*no C compiler.*runs without.*\n", capsys.readouterr().out)
 
@@ -262,9 +224,11 @@ def test_a_wheel_has_all_that_is_compiled_and_the_command(installed: Path) -> No
         assert (installed / "cogrip/machine/compiled" / types.relative_to(compiling.TYPES)).exists()
     (record,) = installed.glob("cogrip-*.dist-info/RECORD")
     before = record.read_text()
-    (made := installed / "cogrip" / "protocol" / f"clock{compiling.SUFFIX}").touch()
-    os.utime(made, (1, 1))  # older than its source: every other command refuses to run it
-    record.write_text(f"{before}cogrip/protocol/{made.name},,\n")
+    (made := installed / "cogrip" / "machine" / "compiled" / "built" / "1" / "0.so").parent.mkdir(parents=True)
+    made.touch()
+    told = made.parents[1] / compiled_files.NAME
+    told.write_text(json.dumps({"folder": "1", "libraries": {"cogrip.protocol.clock": "0.so"}, "sources": [1, 2, 3]}))
+    record.write_text(f"{before}cogrip/machine/compiled/built/1/0.so,,\n")
     run = [sys.executable, "-P", "-m", "cogrip.cli", "compile", "--remove"]
     done = subprocess.run(
         run, env={**os.environ, "PYTHONPATH": str(installed)}, capture_output=True, text=True, check=False
@@ -279,9 +243,10 @@ def test_what_is_compiled_is_entered_in_pip_s_list_of_files(monkeypatch: pytest.
     monkeypatch.setattr(compiling, "ROOT", tmp_path)
     monkeypatch.setattr(compiling, "INSTALLED", True)
     (record := tmp_path / "cogrip-1.0.dist-info" / "RECORD").parent.mkdir()
-    record.write_text("cogrip/a.py,sha256=x,10\n'q,uoted',,\ncogrip/old.so,,\n")
-    compiling.enter([tmp_path / "cogrip" / "a.so"])
-    assert record.read_text() == "cogrip/a.py,sha256=x,10\n'q,uoted',,\ncogrip/a.so,,\n"
+    built = "cogrip/machine/compiled/built"
+    record.write_text(f"cogrip/a.py,sha256=x,10\n'q,uoted',,\n{built}/old/0.so,,\n")
+    compiling.enter([tmp_path / built / "new" / "0.so"])
+    assert record.read_text() == f"cogrip/a.py,sha256=x,10\n'q,uoted',,\n{built}/new/0.so,,\n"
 
 
 def test_in_a_checkout_the_command_names_the_other_one(capsys: pytest.CaptureFixture[str]) -> None:
@@ -301,9 +266,8 @@ def test_recorded_sessions_and_laws_hold_in_the_compiled_form(tmp_path: Path) ->
             shutil.copytree(ROOT / part / "cogrip", own, ignore=shutil.ignore_patterns("__pycache__"))
             paths.append(str(tmp_path / part))
         shutil.copytree(compiling.TYPES, tmp_path / "compiled")
-        (tmp_path / "build").mkdir()
-        compiling.compile_all(tmp_path / "build", tmp_path)
-    environment = {**os.environ, "PYTHONPATH": os.pathsep.join(paths)}
+        compiling.compile_all(tmp_path / "build", tmp_path / ".built")
+    environment = {**os.environ, "PYTHONPATH": os.pathsep.join(paths), compiled_files.CHOSEN: ""}
     is_compiled = "from cogrip.machine.compiled_files import form; assert form() == 'compiled'"
     subprocess.run([sys.executable, "-c", is_compiled], env=environment, check=True)
     subprocess.run([sys.executable, "-m", "pytest", *LAWS], cwd=ROOT, env=environment, check=True)

@@ -36,7 +36,9 @@ class Person(NamedTuple):
     def address(self) -> str:
         """Return the hand as settings name it."""
         times, places = self.course
-        given = f"times_s={','.join(f'{START_S + time:.4f}' for time in times)}&x_m={','.join(f'{x:.5f}' for x in places)}"
+        given = (
+            f"times_s={','.join(f'{START_S + time:.4f}' for time in times)}&x_m={','.join(f'{x:.5f}' for x in places)}"
+        )
         return f"waypoints&{given}&hand_stiffness_npm={self.stiffness_npm}&hand_damping_nspm={self.damping_nspm}"
 
 
@@ -93,7 +95,7 @@ def settings_of(
 
 
 class Felt(NamedTuple):
-    """What happened from START_S on: forces and places of all hands at each tick, shape (ticks, people), and the session."""
+    """Course of a session from START_S on: forces and places of all hands at each tick, shape (ticks, people), and the session."""
 
     force_n: Array
     place_m: Array

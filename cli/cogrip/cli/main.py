@@ -14,7 +14,6 @@ from cogrip.cli.terminal.output import make_console
 from cogrip.cli.terminal.platform import use_utf8
 from cogrip.cli.terminal.problem import BadInput, Problem
 from cogrip.machine.blas_threads import BLAS_THREADS, SAFE_PATH
-from cogrip.machine.compiled_files import compile_command, outdated
 from cogrip.machine.large_pages import use_large_pages
 from cogrip.protocol.foreign_file import ForeignFileError
 
@@ -117,11 +116,6 @@ def main(arguments: Sequence[str] | None = None) -> int:
     given = sys.argv[1:] if arguments is None else arguments
     if given and given[0] in MOVED:
         _tell(errors, f"cogrip: {MOVED[given[0]]}")
-        return 2
-    if [*given[:1]] != ["compile"] and (changed := outdated()):
-        command = compile_command()
-        cure = f"`{command}` compiles them anew, `{command} --remove` removes what was compiled"
-        _tell(errors, f"cogrip: what was compiled is not of these sources ({', '.join(changed[:3])}); {cure}")
         return 2
     try:
         show_docstrings(app, given)

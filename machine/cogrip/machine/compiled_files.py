@@ -1,16 +1,37 @@
-"""Report of what `dev.py compile` has left beside the sources of this checkout: which form runs, and is it of these sources?"""
+"""Choice of the form that a process runs, compiled or interpreted, for all of its modules at once (docs/decisions/0028).
 
-from collections.abc import Iterable, Mapping
-from importlib.machinery import EXTENSION_SUFFIXES
-from importlib.util import find_spec
+What `dev.py compile` makes lies in `built_folder`: libraries in a folder of their own for each time, and `NAME`, which tells
+their modules and the sources that these are of. It is used where nothing of those sources has changed since, whatever becomes
+of it while the process runs; so no process ever has modules of both forms, or of two times. A process started by one that has
+chosen has the same form.
+"""
+
+import os
+import sys
+from collections.abc import Iterable, Mapping, Sequence
+from importlib.machinery import EXTENSION_SUFFIXES, ExtensionFileLoader, ModuleSpec
+from importlib.util import find_spec, spec_from_file_location
 from pathlib import Path
-
-from cogrip.machine.addition import add_integers
+from types import ModuleType
+from typing import NamedTuple
 
 SUFFIX = EXTENSION_SUFFIXES[0]
+NAME = f"form{SUFFIX.removesuffix('.so').removesuffix('.pyd')}.json"  # of this kind of Python
 SOURCES = (".py", ".pyx", ".pxd")
 PARTS = ("machine", "protocol", "devices", "client", "server")  # packages in which modules are compiled
 LINUX_ONLY = ("datagram_batch", "large_pages")
+CHOSEN = "COGRIP_FORM"  # environment variable: "interpreted", or the file that tells what was built
+
+NEVER = "nothing was compiled"
+OTHERS = "what was compiled is of other sources"
+
+
+class Fingerprint(NamedTuple):
+    """Number of sources, bytes of them, and when the newest was changed [ns]: enough to see that any has changed."""
+
+    sources: int
+    size: int
+    newest_ns: int
 
 
 def compile_command() -> str:
@@ -18,14 +39,11 @@ def compile_command() -> str:
     return "cogrip compile" if find_spec("cogrip.cli.compiling") else "python3 dev.py compile"
 
 
-def folders_of_parts() -> dict[str, Path]:
-    """Return the folder of each package in which modules are compiled, by the package's name, and import none of them.
-
-    Not every folder of the namespace `cogrip`: for a script that runs beside a folder called cogrip, such as a checkout with
-    its environment, that folder belongs to the namespace too, whatever lies in it.
-    """
-    found = {f"cogrip.{part}": find_spec(f"cogrip.{part}") for part in PARTS}
-    return {name: Path(spec.origin).parent for name, spec in found.items() if spec and spec.origin}
+def part_folders() -> dict[str, Path]:
+    """Return the folder of each package in which modules are compiled, by its name. None is imported."""
+    here = Path(__file__).resolve().parent  # .../cogrip/machine, of a wheel or of a checkout
+    beside = here.parent if (here.parent / "protocol").exists() else None
+    return {f"cogrip.{part}": beside / part if beside else here.parents[2] / part / "cogrip" / part for part in PARTS}
 
 
 def types_folder() -> Path:
@@ -35,48 +53,88 @@ def types_folder() -> Path:
     return installed if installed.exists() else here.parents[2] / "compiled"
 
 
-def outdated(folders: Iterable[str] = (), types: Path | None = None) -> list[str]:
-    """Return the names of modules that were changed after something was compiled: Python would run what is older.
-
-    A compiled module has the values of constants of other modules in it, so all beside compiled ones count. So does one whose
-    library is gone: what is left of it is a link.
-    folders: to look below, `folders_of_parts` if none is given; types: `types_folder` if none is given
-    """
-    looked = map(Path, folders or folders_of_parts().values())
-    compiled = {folder: list(folder.rglob(f"*{SUFFIX}")) for folder in looked}
-    gone = {each for made in compiled.values() for each in made if not each.exists()}
-    since_ns = min(
-        (each.stat().st_mtime_ns for made in compiled.values() for each in made if each not in gone), default=0
-    )
-    read = [folder for folder, made in compiled.items() if made] + [types_folder() if types is None else types]
-    sources = (each for folder in read for each in folder.rglob("*.p*") if each.suffix in SOURCES)
-    newer = {each.stem for each in sources if each.stat().st_mtime_ns > since_ns} if since_ns else set()
-    return sorted(newer | {each.name.partition(".")[0] for each in gone})
+def built_folder() -> Path:
+    """Return the folder of what was compiled, which in a checkout is no part of it."""
+    types = types_folder()
+    return types / "built" if types.parent.name == "machine" else types.parent / ".built"
 
 
-def compiled_modules() -> Mapping[str, bool]:
-    """Return for each module that `dev.py compile` compiles, by name, whether its compiled form is there.
+def fingerprint(folders: Iterable[Path] | None = None) -> Fingerprint:
+    """Return the fingerprint of all sources: a compiled module has the values of constants of others in it, so all count."""
+    number = size = newest_ns = 0
+    for folder in folders or (*part_folders().values(), types_folder() / "cogrip"):
+        waiting = [str(folder)]
+        while waiting:
+            with os.scandir(waiting.pop()) as entries:
+                for each in entries:
+                    if each.name.endswith(SOURCES):
+                        known = each.stat()
+                        number, size, newest_ns = number + 1, size + known.st_size, max(newest_ns, known.st_mtime_ns)
+                    elif each.is_dir() and each.name != "__pycache__":
+                        waiting.append(each.path)
+    return Fingerprint(number, size, newest_ns)
 
-    Those are the modules with a `.pxd` or `.pyx` file in `types_folder`; one with a `.pyx` has no interpreted form, but where a
-    `.py` has its name. Python imports a compiled form wherever there is one. Nothing is imported here.
-    """
-    from cogrip.machine.platform import system  # sockets and all: no command waits for that
 
-    found: dict[str, bool] = {}
-    types, parts = types_folder(), folders_of_parts()
-    for each in sorted(types.rglob("*.p[xy][dx]")):
-        within = each.relative_to(types).with_suffix("")
-        folder = parts.get(".".join(within.parts[:2]))
-        if folder and (each.stem not in LINUX_ONLY or system.LINUX):
-            place = folder.joinpath(*within.parts[2:])
-            here = any(place.with_name(each.stem + suffix).exists() for suffix in EXTENSION_SUFFIXES)
-            found.setdefault(".".join(within.parts), here)
-    return found
+class CompiledModules:
+    """Finder of compiled modules, for `sys.meta_path`."""
+
+    def __init__(self, folder: Path, libraries: Mapping[str, str]) -> None:
+        self.folder, self.libraries = folder, libraries
+
+    def find_spec(self, name: str, path: Sequence[str] | None, target: ModuleType | None = None) -> ModuleSpec | None:
+        """Return where the compiled form of a module is, None where there is none."""
+        library = self.libraries.get(name)
+        if library is None:
+            return None
+        place = str(self.folder / library)
+        return spec_from_file_location(name, place, loader=ExtensionFileLoader(name, place))
+
+
+def read_built(file: Path) -> tuple[CompiledModules, Fingerprint] | None:
+    """Return what was built, by the file that tells it, and of which sources; None where it is not whole."""
+    try:
+        text = file.read_text("utf-8")
+    except OSError:
+        return None  # as nearly always where nothing was compiled: no reader of it is imported
+    import json
+
+    try:
+        told = json.loads(text)
+        folder, libraries = file.parent / told["folder"], dict(told["libraries"])
+        whole = all((folder / each).is_file() for each in set(libraries.values()))
+        return (CompiledModules(folder, libraries), Fingerprint(*told["sources"])) if whole else None
+    except (OSError, ValueError, LookupError, TypeError):
+        return None
+
+
+def chosen() -> CompiledModules | None:
+    """Return the compiled modules that this process has, None where it runs interpreted."""
+    return next((each for each in sys.meta_path if isinstance(each, CompiledModules)), None)
+
+
+def choose() -> None:
+    """Choose the form of this process: called as `cogrip.machine` is imported, before any module that has two."""
+    if chosen() is not None:
+        return
+    before, file = os.environ.get(CHOSEN, ""), built_folder() / NAME
+    modules = None
+    if before != "interpreted" and (built := read_built(file)) is not None:
+        modules, sources = built
+        if before != str(modules.folder) and sources != fingerprint():
+            modules = None
+    if modules is not None:
+        sys.meta_path.insert(0, modules)
+    os.environ[CHOSEN] = str(modules.folder) if modules is not None else "interpreted"
 
 
 def form() -> str:
-    """Return "compiled" or "interpreted" where all `compiled_modules` are, else "partly compiled" with the number."""
-    here = compiled_modules().values()
-    if all(here):
-        return "compiled"
-    return f"partly compiled: {add_integers(here)} of {len(here)} modules" if any(here) else "interpreted"
+    """Return "compiled" or "interpreted"."""
+    return "interpreted" if chosen() is None else "compiled"
+
+
+def why_interpreted() -> str:
+    """Return why this process, or the next one, runs interpreted; "" where it does not."""
+    built = read_built(built_folder() / NAME)
+    if built is None:
+        return NEVER
+    return OTHERS if built[1] != fingerprint() else ""

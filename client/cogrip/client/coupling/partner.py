@@ -139,7 +139,9 @@ class PartnerCoupling(LatestStateCoupling[Partner]):
     def _take(self, intent: Intent) -> None:
         known = self.partners.get(intent.seat)
         if known is None:
-            known = self.partners[intent.seat] = Known(self.place_m or intent.intention_m, self._frame_s)  # pulls at nothing
+            known = self.partners[intent.seat] = Known(
+                self.place_m or intent.intention_m, self._frame_s
+            )  # pulls at nothing
         before = known.intent
         if before is not None and before.made_ns >= intent.made_ns > 0:
             return
