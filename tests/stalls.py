@@ -92,9 +92,21 @@ def pytest_runtest_protocol(item: pytest.Item, nextitem: pytest.Item | None) -> 
     """Run a test. Where it failed as the machine stalled, postpone it; alone, try again and then skip it."""
     item.ihook.pytest_runtest_logstart(nodeid=item.nodeid, location=item.location)
     for report in _run_alone(item, nextitem) if os.environ.get(ALONE) else _run_first(item, nextitem):
-        item.ihook.pytest_runtest_logreport(report=report)
+        if not _is_idle(report, item.config):
+            item.ihook.pytest_runtest_logreport(report=report)
     item.ihook.pytest_runtest_logfinish(nodeid=item.nodeid, location=item.location)
     return True
+
+
+def _is_idle(report: pytest.TestReport, config: pytest.Config) -> bool:
+    """Return True for what a worker need not tell: a set-up or an end that went well, where nobody asked for their times."""
+    if (
+        "PYTEST_XDIST_WORKER" not in os.environ
+        or config.getoption("durations", None)
+        or config.getoption("xmlpath", None)
+    ):
+        return False
+    return report.passed and report.when != "call" and not hasattr(report, "postponed")
 
 
 def _run_first(item: pytest.Item, nextitem: pytest.Item | None) -> list[pytest.TestReport]:

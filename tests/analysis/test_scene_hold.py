@@ -8,6 +8,8 @@ from cogrip.analysis.advice.scene_hold import LIFT_M, MOST_SLIP_M, SECONDS, Hold
 from cogrip.protocol.settings.room import resolve
 from cogrip.protocol.settings.sections import Settings
 
+from tests.extent import long
+
 GRAVITY = 9.81  # m/s^2
 FLOOR = '<geom name="floor" type="plane" size="1 1 .1"/>'
 BOX = '<body name="box" pos="0 0 {half}"><freejoint/><geom type="box" size="{half} {half} {half}" mass="{kg}" {more}/></body>'
@@ -37,7 +39,7 @@ def test_a_box_is_lifted_as_far_as_asked_and_held_up_to_the_delay_at_which_it_sl
     assert f"3 sessions of {SECONDS:g} s" in text
 
 
-@pytest.mark.parametrize(("kg", "friction"), [(0.5, 1.0), (0.2, 0.3)])
+@pytest.mark.parametrize(("kg", "friction"), [(0.5, 1.0), long(0.2, 0.3)])
 def test_hands_press_with_three_times_what_friction_needs(tmp_path: Path, kg: float, friction: float) -> None:
     slippery = f'friction="{friction} .005 .0001" priority="1"'
     found = hold(settings_of(tmp_path, box(kg, more=slippery)), delays_ms=(0.0,))

@@ -149,9 +149,9 @@ def test_scenes_of_the_kinds_that_people_write_make_no_energy(
 def test_a_scene_that_makes_energy_is_refused_with_what_to_change(tmp_path: Path, name: str) -> None:
     text, cure = WORSE[name]
     settings = settings_of(tmp_path, text, "ball" if name != "a pin through two bodies" else "pad", "box")
-    found = pushed(settings)
+    found = pushed(settings, 40)
     assert found.refused
-    assert found.text.startswith("in 100 random pushes ")
+    assert found.text.startswith("in 40 random pushes ")
     assert re.search(cure, found.text)
 
 
