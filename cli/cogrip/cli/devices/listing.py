@@ -7,7 +7,6 @@ from typing import Annotated, Any
 import msgspec
 from cyclopts import Parameter
 from rich.console import Console
-from rich.table import Table
 from rich.text import Text
 
 from cogrip.cli.terminal.output import Json, make_console, write_json
@@ -69,7 +68,7 @@ def device_list(
     cells = {each.address: _cells(each) for each in listings}
     widths = _widths(cells.values(), console.width)
     if not (name or verbose):
-        console.print(_table(_HEADINGS, widths, "dim"))
+        console.print(_lines(_HEADINGS, widths, "dim"), soft_wrap=True)
     for scheme in sorted(summaries, key=_rank):
         found = [each for each in listings if _scheme(each) == scheme]
         if name and not found:
@@ -81,7 +80,7 @@ def device_list(
             for listing in found:
                 _print_record(listing, console)
         elif found:
-            console.print(_table([cells[each.address] for each in found], widths))
+            console.print(_lines([cells[each.address] for each in found], widths), soft_wrap=True)
     for text in broken().values():
         say(console, f"left out: {text}")
     if not (name or verbose):
@@ -123,17 +122,18 @@ def _untried(scheme: str) -> bool:
 def _widths(rows: Iterable[Sequence[str]], width: int) -> list[int]:
     """Return widths of the columns, for all tables below one heading; addresses are wrapped where there is no room."""
     first, *numbers = [max(map(len, column)) for column in zip(*_HEADINGS, *rows, strict=True)]
-    return [min(first, width - add_integers(numbers) - len(numbers)), *numbers]
+    return [max(1, min(first, width - add_integers(numbers) - len(numbers))), *numbers]
 
 
-def _table(rows: Sequence[Sequence[str]], widths: Sequence[int], style: str = "") -> Table:
-    """Return a row a device, or the heading of all."""
-    table = Table(box=None, show_header=False, padding=(0, 1, 0, 0), pad_edge=False, style=style)
-    for number, width in enumerate(widths):
-        table.add_column(justify="right" if number else "left", width=width, overflow="fold")
-    for row in rows:
-        table.add_row(*map(Text, row))
-    return table
+def _lines(rows: Sequence[Sequence[str]], widths: Sequence[int], style: str = "") -> Text:
+    """Return a line a device, or the heading of all; an address that is wider than its column goes on below."""
+    first, *others = widths
+    lines = []
+    for address, *numbers in rows:
+        begin, *rest = [address[place : place + first] for place in range(0, len(address), first)] or [""]
+        lines.append(" ".join([begin.ljust(first), *map(str.rjust, numbers, others)]))
+        lines += rest
+    return Text("\n".join(lines), style)
 
 
 def _cells(listing: Listing) -> tuple[str, ...]:
