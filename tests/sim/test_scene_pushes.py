@@ -129,7 +129,7 @@ def settings_of(folder: Path, text: str, *tools: str, substeps: int = 4) -> Sett
     return resolve({"object": {"kind": "scene", "file": str(file), "axes": 3, "substeps": substeps}, "users": users})
 
 
-@pytest.mark.sample(25)
+@pytest.mark.sample(17)
 @pytest.mark.parametrize(
     ("name", "tools", "pushes"),
     [
