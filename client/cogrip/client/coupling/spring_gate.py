@@ -9,7 +9,8 @@ Symbols: s stretch of the spring [m], K its stiffness, F_d its damper's force, v
     (2) a damper that pushes is cut to what f pays for within tau_s; where b < 0 the damper alone acts, against the hand, until
         it has given something out all the same: then nothing does before b is 0 again
     (3) what f is above the cap is spilt, above E_0 it is donated, within 50 ms: the counter Don goes to all partners
-    (4) a partner credits the growth of the largest counter that it has seen, each its part of it
+    (4) a partner credits the growth of the largest counter that it has seen, each its part of it, within 50 ms: at once, it
+        would be a step of force
 
 So b >= -eps, the take of two ticks, and over all people sum W >= -sum (E_0 + Refill) - sum eps, whatever hands, models, delays,
 losses, order and numbers of people do: nothing of them is in it.
@@ -25,7 +26,7 @@ from cogrip.protocol.settings.coupling_kinds import GATE_MJ
 BUDGET_J = 1e-3 * GATE_MJ  # E_0 of a person
 CAP_J = BUDGET_J + 0.1  # most free energy
 FADE_S = 0.02  # tau_s
-DONATED_S = 0.05  # time in which what is above E_0 is donated
+DONATED_S = 0.05  # time in which what is above E_0 is donated, and what was donated is credited
 DAMPER_MPS = 0.1  # least speed for which a damper that pushes is paid
 AHEAD = 1.5  # part of the hand's own speed for which it is
 REFILL_W = 0.02  # refill of a hand that rests
@@ -46,6 +47,8 @@ class SpringGate:
         self.work = CompensatedSum()
         self.donated_j = self.credited_j = self.refilled_j = self.spilt_j = 0.0
         self._free_before_j = BUDGET_J
+        self._coming_j = 0.0  # donated by partners and not yet credited
+        self._reduced = False  # by `cut`, in this tick
         self._rested_s = 0.0
         self._worked_j = 0.0  # W at the tick before
         self._below = self._gave_out = False  # b is below 0, and has fallen on since
@@ -62,17 +65,19 @@ class SpringGate:
         return self.work.value + self.granted_j
 
     def credit(self, energy_j: float) -> None:
-        """Enter what a partner has donated [J]."""
-        self.credited_j += energy_j
+        """Enter what a partner has donated [J]: it is credited bit by bit."""
+        self._coming_j += energy_j
 
     def cut(self, stretch_m: Sequence[float], stiffness_npm: float) -> float:
         """Return the part of a stretch that may stay, of 1: step (1)."""
+        self._reduced = False
         if not stiffness_npm:
             return 1.0
         kept = max(0.0, self._free_before_j) * (1.0 - self._tick_s / FADE_S)
         most = 2.0 * max(0.0, self.budget_j - kept) / stiffness_npm
         square = add_floats([each * each for each in stretch_m])
-        return 1.0 if square <= most else sqrt(most / square)
+        self._reduced = square > most
+        return sqrt(most / square) if self._reduced else 1.0
 
     def pay(
         self, stretch_m: Sequence[float], stiffness_npm: float, damper_n: Sequence[float], velocity_mps: Sequence[float],
@@ -83,6 +88,9 @@ class SpringGate:
         self.ticks += 1
         speed = sqrt(add_floats([each * each for each in velocity_mps]))
         self._refill(speed, stored)
+        part = self._coming_j * min(1.0, self._tick_s / DONATED_S)
+        self._coming_j -= part
+        self.credited_j += part
         free = self.budget_j - stored
         power = add_floats([force * rate for force, rate in zip(damper_n, velocity_mps, strict=True)])
         worked, self._worked_j = self.work.value - self._worked_j, self.work.value
@@ -100,7 +108,8 @@ class SpringGate:
             if take > free:
                 part = max(0.0, free) / take
                 damper_n = [part * each for each in damper_n]
-                self.gated += 1
+                self._reduced = True
+        self.gated += self._reduced
         if free > CAP_J:
             self.spilt_j += free - CAP_J
             free = CAP_J
