@@ -75,7 +75,7 @@ def bench_tick(*, seconds: float = 10.0) -> int:
     console = make_console()
     rows, well = [], True
     for name, file, both, more in SESSIONS:
-        blocks = _blocks_us(file, both, more, seconds)
+        blocks = blocks_us(file, both, more, seconds)
         ratio = float(blocks[:, 1].sum() / blocks[:, 0].sum())
         well = well and ratio <= MOST
         waves_us, other_us = np.median(blocks, axis=0)
@@ -87,7 +87,7 @@ def bench_tick(*, seconds: float = 10.0) -> int:
     return 0 if well else 1
 
 
-def _blocks_us(file: str, both: tuple[str, ...], more: tuple[str, ...], seconds: float) -> np.ndarray:
+def blocks_us(file: str, both: tuple[str, ...], more: tuple[str, ...], seconds: float) -> np.ndarray:
     """Return the mean tick of each block of frames, shape (blocks, 2) [us]. A session that ends early ends both."""
     pair = TimedSession(file, both, seconds), TimedSession(file, both + more, seconds)
     took = []

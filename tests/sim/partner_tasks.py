@@ -7,6 +7,8 @@ to a force is in both, and what is left is the network's.
 
 from collections.abc import Callable, Mapping, Sequence
 from functools import lru_cache
+from pathlib import Path
+from random import Random
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -162,3 +164,42 @@ def error_n(found: Felt, wanted: Felt) -> float:
     """Return how far forces are from those that were wanted."""
     ticks = min(len(found.force_n), len(wanted.force_n))
     return rms_n(found.force_n[:ticks] - wanted.force_n[:ticks])
+
+
+def several(count: int, seed: int = 1) -> tuple[Person, ...]:
+    """Return people of mixed hands who each go where they like, slowly."""
+    random = Random(seed)
+    people = []
+    for _ in range(count):
+        times, places = [0.2], [0.0]
+        while times[-1] < 30.0:
+            times.append(times[-1] + random.uniform(0.5, 1.5))
+            places.append(random.uniform(-0.03, 0.03))
+        stiffness = random.choice((150.0, 300.0, 500.0))
+        people.append(Person((tuple(times), tuple(places)), stiffness, stiffness / 60.0))
+    return tuple(people)
+
+
+def recorded_pairs(data: Path) -> dict[str, tuple[str, ...]]:
+    """Return pairs of recorded hands by name, as addresses: the runs of levers, and two axes of one hand that moved freely."""
+
+    def lever(file: str, run_name: str) -> str:
+        return f"csv:{data / file}&time=t_s&x=theta_m_rad&scale=0.075&where=run:{run_name}&start_s={START_S}"
+
+    def free(file: str, column: str, more: str = "time=t_s") -> str:
+        return f"csv:{data / file}&{more}&x={column}&start_s={START_S}"
+
+    tue, touch, pen = (
+        ("tue_1dof_PP_kp8.csv", "tue_1dof_PF_kp15.csv"),
+        "touch_freehand_wpi_100hz.csv",
+        "pen_wacom_bdalab_133hz.csv",
+    )
+    panda, clock = "panda_handguided_symbol17_rec0_2_4.csv", "time=i&time_scale=0.001&where=rec:0"
+    return {
+        "levers, free": (lever(tue[0], "free"), lever(tue[1], "free")),
+        "levers, spring": (lever(tue[0], "spring"), lever(tue[1], "spring")),
+        "levers, rigid": (lever(tue[0], "rigid"), lever(tue[1], "rigid")),
+        "arm, x and y": (free(touch, "px_mm"), free(touch, "py_mm")),
+        "pen, x and y": (free(pen, "x_mm"), free(pen, "y_mm")),
+        "guided robot, x and y": (free(panda, "px_m", clock), free(panda, "py_m", clock)),
+    }

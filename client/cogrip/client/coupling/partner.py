@@ -206,11 +206,8 @@ class PartnerCoupling(LatestStateCoupling[Partner]):
         assert place is not None
         self._here_s += T
         models = [self._aged(known) for known in self.partners.values() if known.intent is not None]
-        for axis in range(len(place)):
-            own = position_m[axis], velocity_mps[axis]
-            place[axis], velocity[axis] = step_object(
-                axis, T, (place[axis], velocity[axis]), self._mass_kg, self._damping_nspm, (K, B), models, own
-            )
+        own = position_m, velocity_mps
+        step_object(T, place, velocity, self._mass_kg, self._damping_nspm, (K, B), models, own)
 
     def _aged(self, known: Known) -> Model:
         """Return a partner's model for the next tick."""

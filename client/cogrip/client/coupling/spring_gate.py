@@ -87,22 +87,23 @@ class SpringGate:
         stored = 0.5 * stiffness_npm * add_floats([each * each for each in stretch_m])
         self.ticks += 1
         speed = sqrt(add_floats([each * each for each in velocity_mps]))
-        self._refill(speed, stored)
-        part = self._coming_j * min(1.0, self._tick_s / DONATED_S)
-        self._coming_j -= part
-        self.credited_j += part
-        free = self.budget_j - stored
-        power = add_floats([force * rate for force, rate in zip(damper_n, velocity_mps, strict=True)])
-        worked, self._worked_j = self.work.value - self._worked_j, self.work.value
-        if self.budget_j < 0.0:
+        if self._coming_j:
+            part = self._coming_j * min(1.0, self._tick_s / DONATED_S)
+            self._coming_j -= part
+            self.credited_j += part
+        before = self.budget_j
+        budget = before + self._refill(speed, before - stored)
+        free = budget - stored
+        work = self.work.value
+        worked, self._worked_j = work - self._worked_j, work
+        if budget < 0.0:
             self._gave_out = self._gave_out or (self._below and worked < 0.0)
             self._below = True
-            damper_n = [0.0 if self._gave_out else damping_nspm * rate for rate in velocity_mps]
             self.gated += 1
             self._free_before_j = free
-            return damper_n
+            return [0.0 if self._gave_out else damping_nspm * rate for rate in velocity_mps]
         self._below = self._gave_out = False
-        if power < 0.0:
+        if add_floats([force * rate for force, rate in zip(damper_n, velocity_mps, strict=True)]) < 0.0:
             size = sqrt(add_floats([each * each for each in damper_n]))
             take = size * max(AHEAD * speed, DAMPER_MPS) * FADE_S
             if take > free:
@@ -120,8 +121,11 @@ class SpringGate:
         self._free_before_j = free
         return damper_n
 
-    def _refill(self, speed_mps: float, stored_j: float) -> None:
+    def _refill(self, speed_mps: float, free_j: float) -> float:
+        """Return what a hand that rests is given in this tick [J]."""
         self._rested_s = self._rested_s + self._tick_s if speed_mps < REST_MPS else 0.0
-        missing = BUDGET_J - (self.budget_j - stored_j)
-        if self._rested_s >= REST_S and missing > 0.0:
-            self.refilled_j += min(REFILL_W * self._tick_s, missing)
+        if self._rested_s < REST_S or free_j >= BUDGET_J:
+            return 0.0
+        given = min(REFILL_W * self._tick_s, BUDGET_J - free_j)
+        self.refilled_j += given
+        return given

@@ -9,7 +9,7 @@ the model, K, B the spring of a seat, T step. Implicit Euler, copy and models to
 from collections.abc import Sequence
 
 MODEL_KG = 0.1  # m_d
-HAND_NSPM = 5.0  # b_e, damping of a hand in the estimate of its intention
+HAND_NSPM = 10.0  # b_e, damping of a hand in the estimate of its intention
 ADDED_NSPM = (
     10.0  # what a model's damping b_m has above that, where it is late: it keeps the loop of two clients below 1
 )
@@ -44,35 +44,37 @@ def ahead(intention_m: Sequence[float], rate_mps: Sequence[float], age_s: float)
 
 
 def step_object(
-    axis: int, step_s: float, motion: tuple[float, float], mass_kg: float, damping_nspm: float, spring: tuple[float, float],
-    models: Sequence[Model], own: tuple[float, float] | None = None,
-) -> tuple[float, float]:  # fmt: skip
-    """Step object and models by one step on one axis. Return the object's place and velocity.
+    step_s: float, place_m: list[float], velocity_mps: list[float], mass_kg: float, damping_nspm: float,
+    spring: tuple[float, float], models: Sequence[Model], own: tuple[Sequence[float], Sequence[float]] | None = None,
+) -> None:  # fmt: skip
+    """Step object and models by one step on all axes, in place.
 
-    motion  place [m] and velocity [m/s] of the object
-    spring  K [N/m] and B [N s/m]
-    own     place and velocity of a hand that is measured and not modelled; None for none
+    place_m, velocity_mps  of the object
+    spring                 K [N/m] and B [N s/m]
+    own                    places and velocities of a hand that is measured and not modelled; None for none
     """
-    (o, v), (K, B) = motion, spring
-    G = K * step_s + B
-    pull, weight = mass_kg * v, mass_kg + step_s * damping_nspm
-    if own is not None:
-        x, speed = own
-        pull += step_s * (K * (x - o) + B * speed)
-        weight += step_s * G
-    parts = []
+    K, B = spring
+    G, stiff, damped = step_s * (K * step_s + B), step_s * K, step_s * B
+    weight = mass_kg + step_s * damping_nspm + (G if own is not None else 0.0)
+    shares = []
     for model in models:
-        stretch = model.place_m[axis] - o
-        inertia = MODEL_KG + step_s * (model.stiffness_npm * step_s + model.damping_nspm + G)
-        drive = MODEL_KG * model.velocity_mps[axis] + step_s * (
-            model.stiffness_npm * (model.intention_m[axis] - model.place_m[axis]) - K * stretch
-        )
-        pull += step_s * K * stretch + step_s * G * drive / inertia
-        weight += step_s * G - (step_s * G) ** 2 / inertia
-        parts.append((drive, inertia))
-    v = pull / weight
-    for model, (drive, inertia) in zip(models, parts, strict=True):
-        speed = (drive + step_s * G * v) / inertia
-        model.velocity_mps[axis] = speed
-        model.place_m[axis] += step_s * speed
-    return o + step_s * v, v
+        pull = step_s * model.stiffness_npm
+        inverse = 1.0 / (MODEL_KG + step_s * (pull + model.damping_nspm) + G)
+        weight += G - G * G * inverse
+        shares.append((model.place_m, model.velocity_mps, model.intention_m, pull, inverse))
+    for axis, o in enumerate(place_m):
+        push = mass_kg * velocity_mps[axis]
+        if own is not None:
+            push += stiff * (own[0][axis] - o) + damped * own[1][axis]
+        drives = []
+        for places, speeds, intended, pull, inverse in shares:
+            x = places[axis]
+            force = stiff * (x - o)
+            drive = inverse * (MODEL_KG * speeds[axis] + pull * (intended[axis] - x) - force)
+            push += force + G * drive
+            drives.append(drive)
+        velocity_mps[axis] = v = push / weight
+        place_m[axis] = o + step_s * v
+        for (places, speeds, _, _, inverse), drive in zip(shares, drives, strict=True):
+            speeds[axis] = speed = drive + inverse * G * v
+            places[axis] += step_s * speed

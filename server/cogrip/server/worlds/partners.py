@@ -49,11 +49,9 @@ class PartnersWorld(HandWorld):
             # All springs are those of the room: the first person's stands for them.
             K, B = float(self.target_stiffness[held[0], 0]), float(self.target_damping[held[0], 0])
             for _ in range(STEPS_A_FRAME):
-                for axis in range(axes):
-                    place[axis], velocity[axis] = step_object(
-                        axis, self.frame_s / STEPS_A_FRAME, (place[axis], velocity[axis]), self.mass_kg,
-                        self.object_damping, (K, B), models,
-                    )  # fmt: skip
+                step_object(
+                    self.frame_s / STEPS_A_FRAME, place, velocity, self.mass_kg, self.object_damping, (K, B), models
+                )
             for user, model in zip(held, models, strict=True):
                 stretch = zip(model.place_m, place, model.velocity_mps, velocity, strict=True)
                 self.force[user] = [K * (x - o) + B * (speed - v) for x, o, speed, v in stretch]
