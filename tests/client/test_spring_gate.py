@@ -1,11 +1,13 @@
 """The gate at a hand's own spring: whatever forces, hands, losses and people do, nobody gets more than the law says."""
 
+from itertools import pairwise
 from random import Random
 
+import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from cogrip.client.coupling.spring_gate import BUDGET_J, CAP_J, SpringGate
+from cogrip.client.coupling.spring_gate import BUDGET_J, CAP_J, DONATED_S, SpringGate
 
 TICK_S = 1.0 / 1024.0
 
@@ -80,3 +82,24 @@ def test_a_hand_at_rest_is_refilled_slowly_and_no_other() -> None:
         moving.pay([0.0], 1000.0, [0.0], [0.05], 10.0)
     assert 0.014 < resting.refilled_j <= 0.02 * 0.76
     assert moving.refilled_j == 0.0
+
+
+def test_what_partners_gave_is_credited_bit_by_bit_and_no_more_than_it() -> None:
+    """A credit that came at once would let go of the force in one tick."""
+    gate, credited = SpringGate(TICK_S), [0.0]
+    gate.credit(0.02)
+    assert gate.budget_j == BUDGET_J
+    for _ in range(round(0.5 / TICK_S)):
+        gate.cut([0.0], 1000.0)
+        gate.pay([0.0], 1000.0, [0.0], [0.1], 10.0)
+        credited.append(gate.credited_j)
+    assert max(later - before for before, later in pairwise(credited)) == pytest.approx(0.02 * TICK_S / DONATED_S)
+    assert 0.0199 < gate.credited_j <= 0.02
+
+
+def test_a_stretch_that_is_cut_counts_as_a_tick_gated() -> None:
+    gate = SpringGate(TICK_S)
+    for stretch, gated in ((0.001, 0), (0.5, 1)):
+        part = gate.cut([stretch], 1000.0)
+        gate.pay([part * stretch], 1000.0, [0.0], [0.0], 10.0)
+        assert gate.gated == gated

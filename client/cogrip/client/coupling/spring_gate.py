@@ -39,6 +39,7 @@ class SpringGate:
 
     work       W
     donated_j  Don, a counter that only grows
+    granted_j  E_0 + Cred + Refill - Don - Spill: all that came in but by the hand itself, less what was given away
     gated      ticks in which the force was reduced, of `ticks`
     """
 
@@ -46,6 +47,7 @@ class SpringGate:
         self._tick_s = tick_s
         self.work = CompensatedSum()
         self.donated_j = self.credited_j = self.refilled_j = self.spilt_j = 0.0
+        self.granted_j = BUDGET_J
         self._free_before_j = BUDGET_J
         self._coming_j = 0.0  # donated by partners and not yet credited
         self._reduced = False  # by `cut`, in this tick
@@ -53,11 +55,6 @@ class SpringGate:
         self._worked_j = 0.0  # W at the tick before
         self._below = self._gave_out = False  # b is below 0, and has fallen on since
         self.ticks = self.gated = 0
-
-    @property
-    def granted_j(self) -> float:
-        """Return all that came in but by the hand itself, less what was given away [J]."""
-        return BUDGET_J + self.credited_j + self.refilled_j - self.donated_j - self.spilt_j
 
     @property
     def budget_j(self) -> float:
@@ -91,6 +88,7 @@ class SpringGate:
             part = self._coming_j * min(1.0, self._tick_s / DONATED_S)
             self._coming_j -= part
             self.credited_j += part
+            self.granted_j += part
         before = self.budget_j
         budget = before + self._refill(speed, before - stored)
         free = budget - stored
@@ -113,10 +111,12 @@ class SpringGate:
         self.gated += self._reduced
         if free > CAP_J:
             self.spilt_j += free - CAP_J
+            self.granted_j -= free - CAP_J
             free = CAP_J
         if free > BUDGET_J:
             given = (free - BUDGET_J) * min(1.0, self._tick_s / DONATED_S)
             self.donated_j += given
+            self.granted_j -= given
             free -= given
         self._free_before_j = free
         return damper_n
@@ -128,4 +128,5 @@ class SpringGate:
             return 0.0
         given = min(REFILL_W * self._tick_s, BUDGET_J - free_j)
         self.refilled_j += given
+        self.granted_j += given
         return given
