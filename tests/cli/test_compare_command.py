@@ -5,6 +5,8 @@ from pathlib import Path
 
 import pytest
 
+from cogrip.experiments.methods.tasks import TASKS
+
 from tests.cli.command import Cogrip
 
 PAIR = """
@@ -64,3 +66,25 @@ def test_ours_has_to_hold(config: Path, cogrip: Cogrip) -> None:
     command = ["compare", config, "--methods", "wave", "--profiles", "clean", "--seeds", "1", "--workers", "1", *pushes]
     command += ["--set", "users.0.device=sim:ideal", "--set", "users.1.device=sim:ideal"]
     assert "diverged 1/1 at" in cogrip.out(*command, code=1)
+
+
+@pytest.mark.usefixtures("no_probes")
+@pytest.mark.parametrize(
+    ("arguments", "why"),
+    [
+        (["--task", "pul"], "there is no task 'pul'; did you mean pull? there are: pull, opposed, together, rest"),
+        (["--task", "pull", "--hands", "hold"], "--task pull says what both hands do; leave --hands out"),
+    ],
+)  # fmt: skip
+def test_a_task_that_cannot_be_is_refused_in_a_line(
+    config: Path, cogrip: Cogrip, arguments: list[str], why: str
+) -> None:
+    assert why in cogrip.err("compare", config, *arguments)
+
+
+@pytest.mark.usefixtures("no_pictures", "no_probes")
+def test_a_task_says_what_both_hands_do(config: Path, cogrip: Cogrip) -> None:
+    command = ["compare", config, "--task", "limp", "--methods", "partner", "--profiles", "own", "--seeds", "1"]
+    cogrip.texts(*command, "--workers", "1", "--json", "answer.json")
+    users = json.loads(Path("answer.json").read_text())["asked"]["settings"]["users"]
+    assert tuple(user["hand"] for user in users) == TASKS["limp"].hands

@@ -29,6 +29,7 @@ from cogrip.experiments.methods.method import (
 )
 from cogrip.experiments.methods.query import ComparisonQuery, prepare
 from cogrip.experiments.methods.table import cells, columns_of, notes, tone
+from cogrip.experiments.methods.tasks import TASKS
 from cogrip.experiments.runner import run_experiment
 from cogrip.experiments.worker_pool import LocalWorkers
 from cogrip.machine.stop import Stop, on_signals
@@ -49,6 +50,7 @@ def compare(
     profiles: str = ",".join(NETWORKS),
     methods: str | None = None,
     seeds: int = SEEDS,
+    task: str | None = None,
     hands: Hands = (),
     overrides: Overrides = (),
     allow_unstable: AllowUnstable = False,
@@ -73,15 +75,18 @@ def compare(
     profiles
         Network profiles, with commas between: names of link.profile, or `own` for [link] as the settings have it.
     methods
-        Methods, with commas between: wave and tuned (ours), paper, coupling, tdpa, and local for walls, faces and scenes; else
-        all that the object has: paper has no scenes, local no object that is held.
+        Methods, with commas between: wave, tuned (ours), and partner for a cube that is held; paper, coupling, tdpa, and local
+        for walls, faces and scenes; else all that the object has: paper has no scenes, local no object that is held.
     seeds
         How many sessions of each: a seed is that of the network's losses and of hand tremor, the same for all methods.
+    task
+        What two people do, in place of their hands in the settings: pull, opposed, together, rest, collide or limp
+        (docs/methods.md).
     out
         The comparison's folder, new or to be resumed; else runs/TIME-compare-NAME.
     """
     console = make_console(stderr=True, soft_wrap=True)
-    asked = _prepare(config, overrides, hands, methods, profiles, seeds)
+    asked = _prepare(config, overrides, _hands_of(task, hands), methods, profiles, seeds)
     at_least_one("--workers", workers)
     check_compared(_sessions(asked), allow_unstable)
     path = out or new_run_folder(runs, f"compare-{asked.base['name']}")
@@ -113,6 +118,17 @@ def _prepare(
         try_hands(settings)
         check_plausible(settings)
         return prepare(settings, chosen or methods_of(settings), networks, seeds)
+
+
+def _hands_of(task: str | None, hands: tuple[str, ...]) -> tuple[str, ...]:
+    """Return the hands of a task, or those that are given."""
+    if task is None:
+        return hands
+    if hands:
+        raise BadInput(f"compare: --task {task} says what both hands do; leave --hands out")
+    with BadInput.of(ChoiceError, where="compare: "):
+        (name,) = choose("task", [task], tuple(TASKS))
+    return TASKS[name].hands
 
 
 def _sessions(asked: ComparisonQuery) -> dict[str, Settings]:
