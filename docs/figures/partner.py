@@ -9,7 +9,7 @@ usage: python docs/figures/partner.py [FOLDER]
 import sys
 from concurrent.futures import ProcessPoolExecutor
 from functools import lru_cache
-from math import nan
+from math import isnan, nan
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -26,8 +26,9 @@ from cogrip.results.plots.style import INK, LINES, Sheet, title
 FOLDER = Path(__file__).parent.parent / "pictures"
 SHOWN = ("wave", "tuned", "partner")
 DRAWN = ("pull", "rest", "opposed", "together")
-DELAYS_MS = (0.0, 10.0, 25.0, 50.0, 75.0, 100.0, 150.0, 200.0)  # each way
-FIRST_S, SECONDS = 1.25, 6.0  # of the task the first quarter of a second is left out: it begins at rest
+DEVICE = "sim:ideal?mass_kg=0.1&damping_nspm=0.5"
+DELAYS_MS = (0.0, 25.0, 50.0, 100.0, 150.0, 200.0)  # each way
+FIRST_S, SECONDS = 1.25, 5.0  # of the task the first quarter of a second is left out: it begins at rest
 
 
 class Point(NamedTuple):
@@ -46,7 +47,7 @@ def settings_of(task: str, delay_ms: float) -> dict[str, Any]:
         "seconds": SECONDS, "coupling": {"stiffness_npm": 1000.0, "damping_nspm": 10.0, "impedance_nspm": 20.0},
         "object": {"axes": 1, "mass_kg": 0.2}, "link": {"delay_ms": delay_ms},
         "users": [
-            {"name": name, "device": "sim:phantom", "hand": hand, "side": side}
+            {"name": name, "device": DEVICE, "hand": hand, "side": side}
             for name, hand, side in zip(("anna", "ben"), TASKS[task].hands, ("left", "right"), strict=True)
         ],
     }  # fmt: skip
@@ -85,7 +86,8 @@ def draw(points: list[Point]) -> FigurePage:
             panel.plot([each.delay_ms for each in mine], [each.error_n / each.felt_n for each in mine], **look(method))
         felt_n = next(point.felt_n for point in points if point.task == task)
         title(panel, f"{task} ({felt_n:.1f} N)")
-        panel.set_ylim(0.0, 1.6)
+        shares = [point.error_n / point.felt_n for point in points if point.task == task and not isnan(point.error_n)]
+        panel.set_ylim(0.0, max(1.2, 1.05 * max(shares)))
     figure = sheet.finish("delay each way [ms]", [""] * len(DRAWN), legend)
     caption = "Error of the force on two hands that hold one cube, as a share of the force without a network."
     return FigurePage("partner", "What delay leaves of a partner", caption, figure, FigureTable(Point._fields, points))

@@ -23,6 +23,7 @@ BENCHES = {  # each is the function bench_NAME of tests.bench.NAME
     "killed": "Kill workers of a server with -9: time until all are back, steps of force, the other rooms.",
     "network": "Count the people whom one core serves, encrypted and not, beside a socket echo; or flood an encrypted server.",
     "partner": "Compare what hands feel of each other by models of partners with wave lines and no force, in tasks.",
+    "partners": "Hold a cube through a relay, live, by waves and by models of each other: how far the forces are off.",
     "pauses": "Measure what this processor forgets between two ticks, and how often something takes it away.",
     "peers": "Compare what a person costs the server with a server in C, VRPN and a bare Python echo.",
     "playout": "Compare the adaptive jitter buffer with the best fixed playout delay in hindsight, on each network.",

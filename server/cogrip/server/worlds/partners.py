@@ -12,7 +12,9 @@ from cogrip.protocol.laws.partner_model import Model, step_object
 from cogrip.protocol.settings.seat import SeatSettings
 from cogrip.server.worlds.world import Array, HandWorld
 
-STEPS_A_FRAME = 2  # steps of object and models in a frame: 8 move the object by 0.1 mm at most, and cost 1.4 times as much
+STEPS_A_FRAME = (
+    2  # steps of object and models in a frame: 8 move the object by 0.1 mm at most, and cost 1.4 times as much
+)
 
 
 class PartnersWorld(HandWorld):
