@@ -135,7 +135,7 @@ def recorded(runs: Path, name: str) -> Hand:
     ticks = columns["tick"].astype(int)
     at = np.searchsorted(ticks, np.arange(ticks[-1] + 1), side="right") - 1
     force = np.nan_to_num(columns["force_n"].astype(float).reshape(len(ticks), -1)[np.maximum(at, 0), 0])
-    begun_s = float(columns["time_s"][0]) - ticks[0] / 1024 + 1e-9 * end.recording.header.epoch_ns
+    begun_s = float(columns["time_s"][0]) - end.offset_s - ticks[0] / 1024  # by the clock of this machine
     return Hand(force, begun_s, len(ticks) / len(at))
 
 

@@ -13,6 +13,7 @@ from cogrip.analysis.advice.delay_budget import Stage, budget, total_s
 from cogrip.analysis.advice.finding import Finding, in_rows, plain
 from cogrip.analysis.advice.laboratory_check import Check, check, checked_change, checked_stiffest
 from cogrip.analysis.advice.line_advice import own_world_findings
+from cogrip.analysis.advice.partner_advice import partner_findings
 from cogrip.analysis.advice.stiffest import NEARLY, Stiffest, stiffest
 from cogrip.analysis.linear.linear_session import LinearSession, ModelError, linear_session
 from cogrip.cli.session.python_worlds import PythonWorlds, allow_python_worlds
@@ -53,7 +54,8 @@ def advise_command(
     allow_python_worlds(python_worlds)
     settings = with_people(load(config, overrides), (), device)
     with BadInput.of(ModelError, DeviceError, where=f"{config}: "):
-        if not kind_of(settings.object.kind).spring and not for_stiffness:
+        modelled = kind_of(settings.object.kind).spring and not settings.coupling.traits.gated
+        if not modelled and not for_stiffness:
             return _without_model(settings, laboratory, json)
         if for_stiffness:
             return _print_stiffest(config, settings, laboratory, json)
@@ -86,9 +88,11 @@ def advise_command(
 
 
 def _without_model(settings: Settings, laboratory: bool, json: Json) -> int:
-    """Advise on a scene or a world of one's own: what can be said of devices, line and contact, and what a session shows."""
+    """Advise on a scene, a world of one's own, or partners' models: what can be said of each, and what a session shows."""
     with BadInput.of(ValueError):  # a SceneError
-        if settings.object.traits.scene:
+        if settings.coupling.traits.gated:
+            findings = partner_findings(settings)
+        elif settings.object.traits.scene:
             from cogrip.analysis.advice.scene_advice import scene_findings  # with MuJoCo
             from cogrip.analysis.advice.scene_pushed import pushed
 
@@ -105,7 +109,7 @@ def _without_model(settings: Settings, laboratory: bool, json: Json) -> int:
         write_json({"findings": _told(findings), "warnings": warnings, "laboratory": _judged(checked)}, json)
     else:
         rows = _rows(findings, [user.name for user in settings.users])
-        _print(rows, "most helpful: not looked for, as there is no linear model of this object to rank changes by")
+        _print(rows, "most helpful: not looked for, as there is no linear model of this session to rank changes by")
     return 0
 
 
