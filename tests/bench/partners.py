@@ -5,6 +5,7 @@ import signal
 import tempfile
 from contextlib import ExitStack
 from pathlib import Path
+from subprocess import Popen
 from typing import NamedTuple
 
 import msgspec
@@ -95,7 +96,7 @@ def live(task: str, method: str, delay_ms: float) -> list[Hand]:
         config = folder / "pair.toml"
         config.write_text(f'name = "pair"\n{users}', encoding="utf-8")
 
-        def start(*arguments: str, heard: str):
+        def start(*arguments: str, heard: str) -> tuple[Popen[str], re.Match[str]]:
             process = start_cogrip(*arguments)
             stack.callback(process.kill)
             return process, wait_for_line(process, heard)

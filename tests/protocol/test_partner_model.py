@@ -6,7 +6,15 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from cogrip.protocol.laws.partner_model import (
-    ADDED_NSPM, DAMPED_NPM, HAND_NSPM, HORIZON_S, LATE_S, MODEL_KG, Model, ahead, step_object,
+    ADDED_NSPM,
+    DAMPED_NPM,
+    HAND_NSPM,
+    HORIZON_S,
+    LATE_S,
+    MODEL_KG,
+    Model,
+    ahead,
+    step_object,
 )  # fmt: skip
 
 STEP_S = 1.0 / 1024.0

@@ -97,7 +97,7 @@ def settings_of(
 
 
 class Felt(NamedTuple):
-    """Course of a session from START_S on: forces and places of all hands at each tick, shape (ticks, people), and the session."""
+    """Course from START_S on: forces and places of all hands at each tick, shape (ticks, people), and the session."""
 
     force_n: Array
     place_m: Array

@@ -16,9 +16,9 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from cogrip.client.coupling.hand_stiffness import HAND_NPM, HAND_NSPM, LEAST_NPM, MOST_NPM
+from cogrip.client.coupling.hand_stiffness import HAND_NPM, LEAST_NPM, MOST_NPM
 from cogrip.client.coupling.intention import RATE_S, SMOOTHING_S
-from cogrip.protocol.laws.partner_model import DAMPED_NPM, HORIZON_S, MODEL_KG, MODEL_NSPM
+from cogrip.protocol.laws.partner_model import ADDED_NSPM, DAMPED_NPM, HAND_NSPM, HORIZON_S, MODEL_KG
 
 Array = NDArray[np.float64]
 FREQUENCIES_HZ: Array = np.geomspace(0.01, 100.0, 4000)
@@ -38,7 +38,7 @@ class PartnerLoop(NamedTuple):
     rate_s: float = RATE_S
     horizon_s: float = HORIZON_S
     model_kg: float = MODEL_KG
-    model_nspm: float = MODEL_NSPM
+    model_nspm: float = HAND_NSPM + ADDED_NSPM  # of a partner whose news are late
 
     def gains(self, frequencies_hz: Array, hand_npm: float, told_npm: float, hand_nspm: float) -> Array:
         """Return (N - 1) |L| at frequencies [Hz] for hands of this stiffness and damping, told to be of `told_npm`."""

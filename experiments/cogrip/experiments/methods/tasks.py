@@ -1,4 +1,4 @@
-"""What two people do with one cube in a comparison, by name: a hand of each, as settings name it.
+"""Tasks of two people with one cube in a comparison, by name: a hand of each, as settings name it.
 
 A course begins after a second, by when everybody is there; hands are of 300 N/m and 5 N s/m but where a task says otherwise.
 """
