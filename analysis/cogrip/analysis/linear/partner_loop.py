@@ -38,7 +38,7 @@ class PartnerLoop(NamedTuple):
     rate_s: float = RATE_S
     horizon_s: float = HORIZON_S
     model_kg: float = MODEL_KG
-    model_nspm: float = HAND_NSPM + ADDED_NSPM  # of a partner whose news are late
+    model_nspm: float = HAND_NSPM + ADDED_NSPM  # of one whose intentions are late
 
     def gains(self, frequencies_hz: Array, hand_npm: float, told_npm: float, hand_nspm: float) -> Array:
         """Return (N - 1) |L| at frequencies [Hz] for hands of this stiffness and damping, told to be of `told_npm`."""
