@@ -144,3 +144,17 @@ def test_a_server_that_dies_and_is_started_anew_steps_nobody_and_lends_nobody_mo
         ledger = person.core.ledger
         assert ledger.port_j == pytest.approx(gates[number].work.value, abs=1e-12)
         assert ledger.given_j == pytest.approx(gates[number].granted_j, abs=1e-12)
+
+
+@pytest.mark.parametrize(("when_s", "moves"), [(1.2, True), (2.6, False)])
+def test_the_gate_of_a_hand_that_leaves_knows_its_work_to_the_end(when_s: float, moves: bool) -> None:
+    """A hand is let go while it moves: what the line is told of its motion then is not how it moves."""
+    laboratory = pulling(20.0)
+    felt = Felt(laboratory)
+    felt.run(round(when_s * 128))
+    person, gate = laboratory.people[0].core, gate_of(laboratory, 0)
+    moving = max(map(abs, person.velocity_mps))
+    laboratory.leave(0)
+    felt.run(128)
+    assert (moving > 0.005) is moves
+    assert gate.work.value == pytest.approx(person.ledger.work.value, abs=2e-4)

@@ -60,6 +60,7 @@ class PartnerCoupling(LatestStateCoupling[Partner]):
         self.partners: dict[int, Known] = {}
         self.place_m: list[float] | None = None  # of the copy; None before there is a hand
         self.velocity_mps = [0.0] * axes
+        self._at_m: Sequence[float] = self.still  # of the hand, as its force was asked for last
         self._elapsed = 0  # ticks since the copy was stepped
         self._here_s = 0.0  # since this hand came
         self._hold = 1.0  # factor on the stiffness of a hand that is leaving
@@ -97,8 +98,9 @@ class PartnerCoupling(LatestStateCoupling[Partner]):
         self.release = Release(axes, self._tick_s, drag)
 
     def elapse(self, mean_velocity_mps: Sequence[float], velocity_mps: Sequence[float], hold: float = 1.0) -> None:
-        power = add_floats([force * rate for force, rate in zip(self.applied_n, mean_velocity_mps, strict=True)])
-        self.gate.work.add(power * self._tick_s)
+        if hold == 1.0:  # of a hand that leaves these velocities are how it moved before: `force` sees how it moves
+            power = add_floats([force * rate for force, rate in zip(self.applied_n, mean_velocity_mps, strict=True)])
+            self.gate.work.add(power * self._tick_s)
         self._elapsed += 1
         self._hold = hold
 
@@ -165,6 +167,10 @@ class PartnerCoupling(LatestStateCoupling[Partner]):
         if self.place_m is None:
             self._begin(position_m)
         assert self.place_m is not None
+        if self._hold < 1.0:
+            moved = [x - before for x, before in zip(position_m, self._at_m, strict=True)]
+            self.gate.work.add(add_floats([force * way for force, way in zip(self.applied_n, moved, strict=True)]))
+        self._at_m = position_m
         K, B = self._rendered()
         ticks, self._elapsed = min(MOST_TICKS, max(1, self._elapsed)), 0
         self.intention.update(position_m, velocity_mps, self.applied_n, self.grip.stiffness_npm)
