@@ -6,26 +6,28 @@ import numpy as np
 import pytest
 
 from cogrip.analysis.linear.partner_loop import PartnerLoop
+from cogrip.client.coupling.hand_stiffness import HAND_NSPM
 from cogrip.client.coupling.intention import Intention
-from cogrip.protocol.laws.partner_model import HAND_NSPM, HORIZON_S, Model, step_object
+from cogrip.protocol.laws.partner_model import HORIZON_S, Model, step_object
 
 PAIR = PartnerLoop(2, 1000.0, 10.0, 0.2, 0.0, 0.1, 0.5)
-TICK_S, SECONDS = 1.0 / 8192, 6.0  # a step so short that what it holds is not seen
+TICK_S, SECONDS = 1.0 / 16384, 4.0  # a step so short that what it holds is not seen
 
 
 def stepped(loop: PartnerLoop, hand_npm: float, told_npm: float, frequency_hz: float) -> float:
     """Return what an intention of 1 mm of each partner makes of one's own as its partners take it on, in mm."""
     K, B = loop.spring_npm, loop.spring_nspm
     own, models = Intention(1, TICK_S, loop.device_kg), [Model([0.0]) for _ in range(loop.people - 1)]
-    x = v = o = rate = 0.0
+    x = v = 0.0
+    o, rate = [0.0], [0.0]
     force, told = 0.0, []
     ticks = int(SECONDS / TICK_S)
     for tick in range(ticks):
         wave = 1e-3 * np.sin(2.0 * pi * frequency_hz * tick * TICK_S)
         for model in models:
             model.intention_m, model.stiffness_npm = [wave], told_npm
-        o, rate = step_object(0, TICK_S, (o, rate), loop.object_kg, loop.object_nspm, (K, B), models, (x, v))
-        force = K * (x - o) + B * (v - rate)
+        step_object(TICK_S, o, rate, loop.object_kg, loop.object_nspm, (K, B), models, ([x], [v]))
+        force = K * (x - o[0]) + B * (v - rate[0])
         v += TICK_S / loop.device_kg * (-hand_npm * x - (HAND_NSPM + loop.device_nspm) * v - force)
         x += TICK_S * v
         own.update([x], [v], [force], told_npm)

@@ -1,7 +1,7 @@
 """Advice on a room of partners' models (`coupling.kind = "partner"`): bounds, feel, loop gain."""
 
 from cogrip.analysis.advice.advice import overloads
-from cogrip.analysis.advice.finding import Finding, plain
+from cogrip.analysis.advice.finding import Finding, Level, plain
 from cogrip.analysis.linear.linear_session import seats_on_devices
 from cogrip.analysis.linear.partner_loop import PartnerLoop
 from cogrip.protocol.settings.coupling_kinds import GATE_MJ
@@ -36,6 +36,7 @@ def partner_findings(settings: Settings) -> list[Finding]:
     gains = {hand: loop.worst(hand) for hand in HANDS_NPM}
     calm = [hand for hand, gain in gains.items() if gain < 1.0]
     each = ", ".join(f"{gains[hand]:.2f} ({hand:g})" for hand in HANDS_NPM)
+    level: Level
     if len(calm) == len(gains):
         text, level = "below 1: stable at any delay, by the linear model without gates", "ok"
     elif calm:
