@@ -15,7 +15,7 @@ def compile_(*, remove: bool = False) -> int:
     """Compile what a server does once a person and frame, and a client once a tick: half the time, and the same numbers.
 
     Needs a C compiler with Python's headers, and the extra `compile`; takes one to three minutes. Nothing needs it; `cogrip
-    doctor` says which form runs. End the sessions of this installation first.
+    doctor` says which form runs. What runs already keeps its form.
 
     Parameters
     ----------
