@@ -79,7 +79,8 @@ _BEGUN_S = time.monotonic()
 def pytest_sessionstart(session: pytest.Session) -> None:
     session.config.stash[_POSTPONED] = {}
     session.config.stash[_SKIPPED] = []
-    if os.name == "posix":  # elsewhere no test starts such processes
+    runs = session.config.getoption("dist", "no") == "no"  # itself, and leaves it to no workers
+    if runs and os.name == "posix":  # elsewhere no test starts such processes
         session.config.stash[_WATCH] = StallWatch()
 
 
