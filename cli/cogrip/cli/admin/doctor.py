@@ -11,21 +11,13 @@ from rich.table import Table
 from cogrip.cli.session.trigger_line import measured_trigger
 from cogrip.cli.terminal.output import Json, make_console, write_json
 from cogrip.cli.terminal.problem import BadInput
+from cogrip.cli.terminal.session_progress import form_line
 from cogrip.machine import punctuality
-from cogrip.machine.compiled_files import compile_command, form, why_interpreted
 from cogrip.machine.punctuality import MachineState, Punctuality
 from cogrip.machine.realtime import PRIORITY
 
 _COLOURS = {"in reach": "green", "marginal": "yellow", "out of reach": "red"}
 _INTERRUPTED = 130  # exit code that a shell reports for Ctrl-C
-
-
-def _form() -> str:
-    """Return which form runs, and how the faster one is had."""
-    if form() == "compiled":
-        return "compiled"
-    why = why_interpreted()
-    return f"interpreted: {why}; `{compile_command()}` makes it several times faster" if why else "interpreted"
 
 
 def _machine_table(machine: MachineState) -> Table:
@@ -39,7 +31,7 @@ def _machine_table(machine: MachineState) -> Table:
 
     loopback = machine.loopback_us
     table = Table(title="This machine", title_justify="left", show_header=False, box=None, padding=(0, 2))
-    table.add_row("cogrip code", _form())
+    table.add_row("cogrip code", form_line())
     table.add_row("kernel", machine.kernel)
     table.add_row("preemption", shown(machine.preemption))
     table.add_row("processors", f"{machine.usable_cpus} usable of {machine.cpus}")

@@ -12,10 +12,14 @@ from cogrip.cli.settings.before_run import AllowUnstable, check_settings, tell_s
 from cogrip.cli.settings.settings_file import load, refuse_real, try_hands, with_people
 from cogrip.cli.terminal.output import Json, make_console, write_text
 from cogrip.cli.terminal.parameters import Config, Devices, Hands, Overrides, Runs
+from cogrip.cli.terminal.session_progress import form_line
+from cogrip.machine.compiled_files import form
 from cogrip.machine.stop import Stop, on_signals
 from cogrip.results.reading.folder import summary_text, write_warnings
 from cogrip.results.verdict.verdict import succeeded
 from cogrip.results.writing.laboratory_run import run_laboratory
+
+LONG_S = 30.0  # length of a session from which on it is told at once which form of cogrip runs it
 
 
 def lab(
@@ -47,6 +51,8 @@ def lab(
     folder = None if json else new_run_folder(runs, settings.name)
     for text in rates.lines():
         console.print(text, highlight=False, soft_wrap=True)
+    if settings.seconds >= LONG_S:
+        console.print(form_line(), highlight=False, soft_wrap=True)
     with on_signals(Stop()) as stop, Progress(
         TextColumn("[progress.description]{task.description}"), BarColumn(), TextColumn("{task.completed:.1f} s"),
         TimeRemainingColumn(), console=console, transient=True,
@@ -69,7 +75,9 @@ def lab(
             report = write_report(folder)
         make_console().print(terminal_summary(summary))
         done_s = float(summary["seconds"])
-        console.print(f"{done_s:g} s in {took_s:.1f} s: {done_s / took_s:.1f} times real time", highlight=False)
+        console.print(
+            f"{done_s:g} s in {took_s:.1f} s: {done_s / took_s:.1f} times real time, {form()}", highlight=False
+        )
         make_console().print(f"report: {report}")
     for word in ("unstable", "saturated", "left"):
         for text in getattr(outcome, word):

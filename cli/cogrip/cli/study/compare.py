@@ -1,11 +1,10 @@
 """`cogrip compare`: the same hands with every method and network profile, and the table of them."""
 
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
 from rich.console import Console, Group
-from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
 from rich.table import Table
 from rich.text import Text
 
@@ -15,6 +14,7 @@ from cogrip.cli.settings.settings_file import load, try_hands, with_people
 from cogrip.cli.terminal.output import Json, make_console, write_json
 from cogrip.cli.terminal.parameters import Hands, Overrides, Runs, Workers
 from cogrip.cli.terminal.problem import BadInput, Problem, at_least_one
+from cogrip.cli.terminal.session_progress import SessionProgress
 from cogrip.cli.terminal.tables import Fitted, plain_table
 from cogrip.experiments.folder import ExperimentFolder, FolderError
 from cogrip.experiments.methods.method import (
@@ -40,7 +40,6 @@ from cogrip.results.reading.folder import finite
 SEEDS = 20
 _PIPED_WIDTH = 160
 _STYLES = {"good": "", "warn": "yellow", "bad": "red"}  # styles of a verdict, by its tone
-_PRINT_EVERY = 0.1  # share of the whole from one print to the next, where there is no terminal to draw a bar on
 
 
 def compare(
@@ -95,7 +94,11 @@ def compare(
     if folder.finished:
         console.print(f"{len(folder.finished)} of {asked.cases} sessions are finished already, in {folder.path}")
     stop = Stop()
-    with on_signals(stop), _CaseProgress(console, asked.cases) as progress, LocalWorkers(workers, stop) as these:
+    with (
+        on_signals(stop),
+        SessionProgress(console, "sessions", asked.cases, len(folder.finished)) as progress,
+        LocalWorkers(workers, stop) as these,
+    ):
         run_experiment(asked, folder, these, progress)
     if folder.finished:
         failed = _write(asked, folder, json, console)
@@ -142,32 +145,6 @@ def _sessions(asked: ComparisonQuery) -> dict[str, Settings]:
 
 def _names(text: str) -> list[str]:
     return [name.strip() for name in text.split(",") if name.strip()]
-
-
-class _CaseProgress:
-    """A bar on a terminal, elsewhere a line at times. Gives a function of the number of finished sessions."""
-
-    def __init__(self, console: Console, total: int) -> None:
-        self._console, self._total, self._printed = console, total, 0
-        self._bar = Progress(
-            TextColumn("[progress.description]{task.description}"), BarColumn(), MofNCompleteColumn(), TimeElapsedColumn(),
-            TimeRemainingColumn(), console=console, transient=True,
-        )  # fmt: skip
-
-    def __enter__(self) -> Callable[[int], None]:
-        if not self._console.is_terminal:
-            return self._print
-        task = self._bar.add_task("sessions", total=self._total)
-        self._bar.start()
-        return lambda finished: self._bar.update(task, completed=finished)
-
-    def __exit__(self, *ending: object) -> None:
-        self._bar.stop()
-
-    def _print(self, finished: int) -> None:
-        if finished == self._total or finished - self._printed >= max(1.0, _PRINT_EVERY * self._total):
-            self._printed = finished
-            self._console.print(f"{finished} of {self._total} sessions")
 
 
 def _write(asked: ComparisonQuery, folder: ExperimentFolder, json: str | None, console: Console) -> bool:

@@ -6,7 +6,6 @@ from typing import Annotated, Literal
 
 from cyclopts import Parameter
 from rich.console import Console
-from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
 
 from cogrip.cli.settings.before_run import check_plausible
 from cogrip.cli.settings.settings_file import load, try_hands
@@ -14,6 +13,7 @@ from cogrip.cli.terminal.output import Json, make_console, write_json
 from cogrip.cli.terminal.parameters import Config, Overrides
 from cogrip.cli.terminal.parameters import Workers as WorkerCount
 from cogrip.cli.terminal.problem import BadInput, Problem, at_least_one
+from cogrip.cli.terminal.session_progress import SessionProgress
 from cogrip.experiments.experiment import Workers
 from cogrip.experiments.folder import ExperimentFolder, FolderError
 from cogrip.experiments.ray_cluster import ClusterError, RayWorkers
@@ -74,13 +74,13 @@ def sweep(
         folder = ExperimentFolder(path, asked)
     if folder.finished:
         console.print(f"{len(folder.finished)} of {asked.grid.cases} cases are finished already, in {folder.path}")
-    with on_signals(stop), Progress(
-        TextColumn("[progress.description]{task.description}"), BarColumn(), MofNCompleteColumn(), TimeRemainingColumn(),
-        console=console, transient=True,
-    ) as bar:  # fmt: skip
-        task = bar.add_task("cases", total=asked.grid.cases)
-        with Problem.of(ClusterError), pool as these:
-            report = run_experiment(asked, folder, these, lambda finished: bar.update(task, completed=finished))
+    with (
+        on_signals(stop),
+        SessionProgress(console, "cases", asked.grid.cases, len(folder.finished)) as progress,
+        Problem.of(ClusterError),
+        pool as these,
+    ):
+        report = run_experiment(asked, folder, these, progress)
     return _report(report, folder.path, _draw(asked, folder, console), stop, json, console)
 
 
