@@ -9,7 +9,7 @@ from cogrip.protocol.settings.sections import Settings
 
 HANDS_NPM = (40.0, 80.0, 150.0, 300.0, 600.0, 1000.0)  # of a limp hand to a stiff one
 USUAL_NPM = 300.0
-LONG_MS = 100.0  # delay each way from which hands that move alike feel more error than force (docs/partner.md)
+LONG_MS = 100.0  # delay each way from which hands that move alike feel as much error as force (docs/partner.md)
 
 
 def partner_loop(settings: Settings) -> PartnerLoop:
@@ -53,6 +53,6 @@ def partner_findings(settings: Settings) -> list[Finding]:
     )
     delay_ms = max(seat.up.delay_ms + seat.down.delay_ms for seat, _ in seats_on_devices(settings)) / 2.0
     if delay_ms >= LONG_MS:
-        text = f"{delay_ms:g} ms each way: hands that move alike, and limp ones, feel more error than force"
+        text = f"{delay_ms:g} ms each way: hands that move alike, and limp ones, feel about as much error as force"
         found.append(Finding("feel", text, "note"))
     return found
