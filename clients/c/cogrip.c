@@ -1921,12 +1921,13 @@ static void effects_step(
 
 /* The numbers of the reference. A hand of this client is always told to be of HAND_NPM: it does not estimate its stiffness. */
 #define HAND_NPM 150.0        /* k */
-#define HAND_NSPM 5.0         /* b_e */
+#define HAND_NSPM 10.0        /* b_e */
 #define SMOOTHING_S 0.01      /* tau of the intention */
 #define RATE_S 0.03           /* tau_r of its rate */
 #define MOST_INTENT_MPS 1.0
 #define MODEL_KG 0.1          /* m_d */
-#define MODEL_NSPM 15.0       /* b_m, where the hand is at least of DAMPED_NPM */
+#define ADDED_NSPM 10.0       /* b_m above b_e, of a hand of DAMPED_NPM or more whose intention is LATE_S old */
+#define LATE_S 0.1
 #define DAMPED_NPM 150.0
 #define HORIZON_S 0.1         /* h */
 #define GROW_S 0.5            /* in which the stiffness of a hand grows that has just come */
@@ -1944,7 +1945,7 @@ static void effects_step(
 /* Ledger of one person's own spring; client/cogrip/client/coupling/spring_gate.py has its law. */
 typedef struct gate {
     sum work;
-    double donated_j, credited_j, refilled_j, spilt_j, free_before_j, rested_s, worked_j, tick_s;
+    double donated_j, credited_j, coming_j, refilled_j, spilt_j, free_before_j, rested_s, worked_j, tick_s;
     int below, gave_out;
 } gate;
 
@@ -1976,6 +1977,9 @@ static void gate_pay(
     gate *own, const double *stretch_m, double stiffness_npm, double *damper_n, const double *velocity_mps, double damping_nspm,
     int axes) {
     const double stored_j = 0.5 * stiffness_npm * dot(stretch_m, stretch_m, axes), speed_mps = size_of(velocity_mps, axes);
+    const double come_j = own->coming_j * least(1.0, own->tick_s / DONATED_S); /* at once it would be a step of force */
+    own->coming_j -= come_j;
+    own->credited_j += come_j;
     own->rested_s = speed_mps < REST_MPS ? own->rested_s + own->tick_s : 0.0;
     const double missing_j = GATE_J - (gate_budget_j(own) - stored_j);
     if (own->rested_s >= REST_S && missing_j > 0.0) own->refilled_j += least(REFILL_W * own->tick_s, missing_j);
@@ -2057,7 +2061,8 @@ static void step_copy(
         const partner *one = &known[place];
         if (!one->told.axes) continue;
         const double k = one->stiffness_npm, stretch = one->place_m[axis] - o;
-        const double damping = MODEL_NSPM * least(1.0, k / DAMPED_NPM);
+        const double full = HAND_NSPM + ADDED_NSPM * least(1.0, one->age_s / LATE_S);
+        const double damping = full * least(1.0, k / DAMPED_NPM);
         inertia[place] = MODEL_KG + tick_s * (k * tick_s + damping + G);
         drive[place] =
             MODEL_KG * one->velocity_mps[axis] + tick_s * (k * (one->intention_m[axis] - one->place_m[axis]) - K * stretch);
@@ -2844,7 +2849,7 @@ static void partner_take(partners *all, const intent *told) {
     one->told = *told;
     one->silent_s = 0.0;
     one->age_s = 1e-9 * (double)age_ns;
-    if (one->counted) all->gate.credited_j += most(0.0, told->donated_j - one->donated_j) / all->others;
+    if (one->counted) all->gate.coming_j += most(0.0, told->donated_j - one->donated_j) / all->others;
     one->counted = 1;
     one->donated_j = told->donated_j; /* where it is smaller than before, it counts anew */
 }

@@ -286,7 +286,7 @@ void probe_gate_begin(double tick_s) { gate_init(&own_gate, tick_s); }
 double probe_gate_tick(int axes, double work_j, double credit_j, double *stretch_m, double stiffness_npm, double *damper_n,
     const double *velocity_mps, double damping_nspm, double *state) {
     add(&own_gate.work, work_j);
-    own_gate.credited_j += credit_j;
+    own_gate.coming_j += credit_j;
     const double part = gate_cut(&own_gate, stretch_m, axes, stiffness_npm);
     for (int axis = 0; axis < axes; axis++) stretch_m[axis] *= part;
     gate_pay(&own_gate, stretch_m, stiffness_npm, damper_n, velocity_mps, damping_nspm, axes);
@@ -311,7 +311,8 @@ void probe_step_copy(double *motion, const double *numbers, const double *own, i
     memset(known, 0, sizeof known);
     for (int place = 0; place < count; place++) {
         const double *row = &models[4 * place];
-        known[place].told.axes = 1, known[place].place_m[0] = row[0], known[place].velocity_mps[0] = row[1];
+        known[place].told.axes = 1, known[place].age_s = LATE_S;
+        known[place].place_m[0] = row[0], known[place].velocity_mps[0] = row[1];
         known[place].intention_m[0] = row[2], known[place].stiffness_npm = row[3];
     }
     step_copy(0, numbers[4], &motion[0], &motion[1], numbers[0], numbers[1], numbers[2], numbers[3], known, count, own);
