@@ -84,10 +84,10 @@ class HandStiffness:
             self._sums = [[0.0] * self._axes for _ in range(3)]
             self._begun_mps, self._ticks = list(velocity_mps), 0
         places, forces, speeds = self._sums
-        for axis, (x, v, force) in enumerate(zip(position_m, velocity_mps, force_n, strict=True)):
+        for axis, x in enumerate(position_m):
             places[axis] += x
-            forces[axis] += force + self._drag.force(v)
-            speeds[axis] += v
+            forces[axis] += force_n[axis]
+            speeds[axis] += velocity_mps[axis]
         self._ticks += 1
         self._newest_mps = velocity_mps
 
@@ -109,7 +109,9 @@ class HandStiffness:
         for axis in range(self._axes):
             gained = (self._newest_mps[axis] - self._begun_mps[axis]) / (max(1, ticks - 1) * self._tick_s)
             row[0].append(places[axis] / ticks)
-            row[1].append(self._drag.mass_kg * gained + (forces[axis] + HAND_NSPM * speeds[axis]) / ticks)
+            speed = speeds[axis] / ticks
+            force = forces[axis] / ticks + self._drag.force(speed) + HAND_NSPM * speed
+            row[1].append(self._drag.mass_kg * gained + force)
             self._instrument[axis] += pole * (self._moved[axis] - self._instrument[axis])
             row[2].append(self._instrument[axis])
         self._frames.append(row)

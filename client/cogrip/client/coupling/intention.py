@@ -48,16 +48,18 @@ class Intention:
         if self._places is None:
             self.begin(position_m)
         assert self._places is not None
-        pole, place, rate = self._pole, [], []
-        for axis, (x, v, force) in enumerate(zip(position_m, velocity_mps, force_n, strict=True)):
-            moved = pole * (x - self._places[axis])
-            pushed, gained = pole * (force - self._force[axis]), pole * (v - self._velocity[axis])
-            self._places[axis] = at = self._places[axis] + moved
-            self._force[axis] = held = self._force[axis] + pushed
-            self._velocity[axis] = speed = self._velocity[axis] + gained
-            place.append(at + (held + HAND_NSPM * speed + self._mass_kg * gained / self._tick_s) / stiffness_npm)
-            moved += (pushed + HAND_NSPM * gained) / stiffness_npm
-            moving = self.rate_mps[axis]
-            moving += self._rate_pole * (moved / self._tick_s - moving)
-            rate.append(min(MOST_MPS, max(-MOST_MPS, moving)))
+        pole, rate_pole, tick_s = self._pole, self._rate_pole, self._tick_s
+        places, forces, speeds, rates = self._places, self._force, self._velocity, self.rate_mps
+        compliance, inertia = 1.0 / stiffness_npm, self._mass_kg / tick_s
+        place, rate = [], []
+        for axis, x in enumerate(position_m):
+            moved = pole * (x - places[axis])
+            pushed, gained = pole * (force_n[axis] - forces[axis]), pole * (velocity_mps[axis] - speeds[axis])
+            places[axis] = at = places[axis] + moved
+            forces[axis] = held = forces[axis] + pushed
+            speeds[axis] = speed = speeds[axis] + gained
+            place.append(at + (held + HAND_NSPM * speed + inertia * gained) * compliance)
+            moving = rates[axis]
+            moving += rate_pole * ((moved + (pushed + HAND_NSPM * gained) * compliance) / tick_s - moving)
+            rate.append(moving if -MOST_MPS < moving < MOST_MPS else MOST_MPS if moving > 0.0 else -MOST_MPS)
         self.place_m, self.rate_mps = place, rate

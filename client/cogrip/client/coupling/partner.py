@@ -9,6 +9,7 @@ gate at its own spring bounds (`spring_gate`). Symbols: x hand, o copy, s = x - 
 
 from collections.abc import Sequence
 from math import inf
+from operator import mul
 
 from msgspec.structs import replace
 
@@ -39,6 +40,7 @@ class Known:
         self.model = Model(place_m)
         self.trust = Trust(frame_s)
         self.intent: Intent | None = None
+        self.trusted_npm = 0.0  # stiffness that it is told to have, as far as the model is trusted
         self.age_s = 0.0  # of the intention, now
         self.silent_s = 0.0  # since it was new
         self.share = 0.0  # of its stiffness that its model has: it grows in GROW_S
@@ -55,6 +57,7 @@ class PartnerCoupling(LatestStateCoupling[Partner]):
         self._spring = seat.coupling.stiffness_npm, seat.coupling.damping_nspm
         self._mass_kg, self._damping_nspm = seat.object.mass_kg, seat.object.damping_nspm
         self._frame_s, self._others = seat.rates.frame_s, max(1, seat.people - 1)
+        self._spring_now = self._spring
         self.gate = SpringGate(self._tick_s)
         self._fit(DeviceDrag(0.0, 0.0, 0.0))
         self.partners: dict[int, Known] = {}
@@ -93,13 +96,15 @@ class PartnerCoupling(LatestStateCoupling[Partner]):
 
     def _fit(self, drag: DeviceDrag) -> None:
         axes = len(self.still)
-        self.intention = Intention(axes, self._tick_s, drag.mass_kg)
+        self._carried_nspm = -1.0  # for which `_spring_now` is
         self.grip = HandStiffness(axes, self._tick_s, self._frame_s, drag)
-        self.release = Release(axes, self._tick_s, drag)
+        self._second = True  # every other tick is one of the intention, and the rest of the release: both are slower
+        self.intention = Intention(axes, 2.0 * self._tick_s, drag.mass_kg)
+        self.release = Release(axes, 2.0 * self._tick_s, drag)
 
     def elapse(self, mean_velocity_mps: Sequence[float], velocity_mps: Sequence[float], hold: float = 1.0) -> None:
         if hold == 1.0:  # of a hand that leaves these velocities are how it moved before: `force` sees how it moves
-            power = add_floats([force * rate for force, rate in zip(self.applied_n, mean_velocity_mps, strict=True)])
+            power = add_floats(list(map(mul, self.applied_n, mean_velocity_mps)))
             self.gate.work.add(power * self._tick_s)
         self._elapsed += 1
         self._hold = hold
@@ -126,6 +131,10 @@ class PartnerCoupling(LatestStateCoupling[Partner]):
             self.object_state = latest.position_m + latest.velocity_mps
             for intent in latest.intents:
                 self._take(intent)
+        own, spring = self.grip.stiffness_npm, self._spring[0]
+        for known in self.partners.values():
+            if known.intent is not None:
+                known.trusted_npm = known.trust.stiffness_npm(known.intent.stiffness_npm, own, spring)
         return self.frame_ticks
 
     def _stir(self) -> None:
@@ -173,9 +182,12 @@ class PartnerCoupling(LatestStateCoupling[Partner]):
         self._at_m = position_m
         K, B = self._rendered()
         ticks, self._elapsed = min(MOST_TICKS, max(1, self._elapsed)), 0
-        self.intention.update(position_m, velocity_mps, self.applied_n, self.grip.stiffness_npm)
         self.grip.enter(position_m, velocity_mps, self.applied_n)
-        self.release.enter(velocity_mps, self.applied_n)
+        self._second = not self._second
+        if self._second:
+            self.release.enter(velocity_mps, self.applied_n)
+        else:
+            self.intention.update(position_m, velocity_mps, self.applied_n, self.grip.stiffness_npm)
         for _ in range(ticks):
             self._step(position_m, velocity_mps, K, B)
         stretch = [x - o for x, o in zip(position_m, self.place_m, strict=True)]
@@ -185,7 +197,7 @@ class PartnerCoupling(LatestStateCoupling[Partner]):
             stretch = [part * each for each in stretch]
         damper: Sequence[float] = [B * (rate - own) for rate, own in zip(velocity_mps, self.velocity_mps, strict=True)]
         damper = self.gate.pay(stretch, K, damper, velocity_mps, B)
-        self._stored_j = 0.5 * K * add_floats([each * each for each in stretch])
+        self._stored_j = self.gate.stored_j
         force = [K * each + more for each, more in zip(stretch, damper, strict=True)]
         self.local_n = [K * x + B * rate for x, rate in zip(position_m, velocity_mps, strict=True)]
         return force
@@ -200,11 +212,12 @@ class PartnerCoupling(LatestStateCoupling[Partner]):
 
     def _rendered(self) -> tuple[float, float]:
         """Return K and B that the device carries."""
-        K, B = self._spring
-        damping = min(B, self.carried_nspm)
-        stiffness = min(K, self.carried_nspm / self._lag_s if self._lag_s else inf)
-        self.reduced = stiffness < K or damping < B
-        return stiffness, damping
+        if self.carried_nspm != self._carried_nspm:
+            self._carried_nspm = carried = self.carried_nspm
+            K, B = self._spring
+            self._spring_now = min(K, carried / self._lag_s if self._lag_s else inf), min(B, carried)
+            self.reduced = self._spring_now != self._spring
+        return self._spring_now
 
     def _step(self, position_m: Sequence[float], velocity_mps: Sequence[float], K: float, B: float) -> None:
         """Step copy and models by a tick."""
@@ -219,12 +232,12 @@ class PartnerCoupling(LatestStateCoupling[Partner]):
         """Return a partner's model for the next tick."""
         intent, model = known.intent, known.model
         assert intent is not None
-        known.age_s += self._tick_s
-        left = max(0.0, 1.0 - max(0.0, known.silent_s - SILENT_S) / SILENT_S)
-        known.share = min(left, known.share + self._tick_s / GROW_S)
-        told = known.trust.stiffness_npm(intent.stiffness_npm, self.grip.stiffness_npm, self._spring[0])
-        model.stiffness_npm = told * known.share
-        model.age_s = known.age_s
+        known.age_s = model.age_s = known.age_s + self._tick_s
+        if known.silent_s > SILENT_S:
+            known.share = max(0.0, min(known.share, 2.0 - known.silent_s / SILENT_S))
+        elif known.share < 1.0:
+            known.share = min(1.0, known.share + self._tick_s / GROW_S)
+        model.stiffness_npm = known.trusted_npm * known.share
         model.intention_m = ahead(intent.intention_m, intent.rate_mps, known.age_s)
         return model
 

@@ -40,6 +40,7 @@ class SpringGate:
     work       W
     donated_j  Don, a counter that only grows
     granted_j  E_0 + Cred + Refill - Don - Spill: all that came in but by the hand itself, less what was given away
+    stored_j   K s^2 / 2 in this tick
     gated      ticks in which the force was reduced, of `ticks`
     """
 
@@ -48,6 +49,7 @@ class SpringGate:
         self.work = CompensatedSum()
         self.donated_j = self.credited_j = self.refilled_j = self.spilt_j = 0.0
         self.granted_j = BUDGET_J
+        self.stored_j = 0.0
         self._free_before_j = BUDGET_J
         self._coming_j = 0.0  # donated by partners and not yet credited
         self._reduced = False  # by `cut`, in this tick
@@ -81,7 +83,7 @@ class SpringGate:
         damping_nspm: float,
     ) -> Sequence[float]:  # fmt: skip
         """Return the damper's force that may act, and settle the tick: steps (2), (3) and the refill at rest."""
-        stored = 0.5 * stiffness_npm * add_floats([each * each for each in stretch_m])
+        self.stored_j = stored = 0.5 * stiffness_npm * add_floats([each * each for each in stretch_m])
         self.ticks += 1
         speed = sqrt(add_floats([each * each for each in velocity_mps]))
         if self._coming_j:
