@@ -9,10 +9,10 @@ the model, K, B the spring of a seat, T step. Implicit Euler, copy and models to
 from collections.abc import Sequence
 
 MODEL_KG = 0.1  # m_d
-HAND_NSPM = 10.0  # b_e, damping of a hand in the estimate of its intention
+HAND_NSPM = 5.0  # b_e, damping of a hand in the estimate of its intention
 ADDED_NSPM = 10.0  # what a model's b_m has above b_e where it is late, which keeps the loop of two clients below 1
 MODEL_NSPM = HAND_NSPM + ADDED_NSPM  # b_m of a model that is late
-LATE_S = 0.1  # age of an intention from which on it has all of it
+LATE_S = 0.04  # age of an intention from which on it has all of it
 DAMPED_NPM = 150.0  # least stiffness of a hand whose model has all of b_m
 HORIZON_S = 0.1  # h, the longest time for which an intention is taken to go on
 
