@@ -1921,13 +1921,13 @@ static void effects_step(
 
 /* The numbers of the reference. A hand of this client is always told to be of HAND_NPM: it does not estimate its stiffness. */
 #define HAND_NPM 150.0        /* k */
-#define HAND_NSPM 10.0        /* b_e */
+#define HAND_NSPM 5.0         /* b_e */
 #define SMOOTHING_S 0.01      /* tau of the intention */
 #define RATE_S 0.03           /* tau_r of its rate */
 #define MOST_INTENT_MPS 1.0
 #define MODEL_KG 0.1          /* m_d */
 #define ADDED_NSPM 10.0       /* b_m above b_e, of a hand of DAMPED_NPM or more whose intention is LATE_S old */
-#define LATE_S 0.1
+#define LATE_S 0.04
 #define DAMPED_NPM 150.0
 #define HORIZON_S 0.1         /* h */
 #define GROW_S 0.5            /* in which the stiffness of a hand grows that has just come */
