@@ -1,4 +1,4 @@
-"""What hands feel of each other by models of partners, in tasks, beside wave lines and no force at all.
+"""Forces that hands feel of each other by models of partners, in tasks, beside wave lines and no force at all.
 
 `dev.py bench partner` prints all of it, with devices that have friction and encoders too.
 """
@@ -49,7 +49,7 @@ def test_hands_that_move_alike_are_told_apart_from_their_models(task: str, delay
 
 @pytest.mark.parametrize("task", ["collide", long("opposed"), "let go"])
 def test_no_step_of_force_is_above_half_a_newton(task: str) -> None:
-    """Of one's own device that is let go the damper gives up 0.67 N at once, without a network as well."""
+    """One own device that is let go: its damper gives up 0.67 N at once, without a network as well."""
     people = task_people(task)
     found = felt("partner", people, FAR_MS, seconds=4.5)
     assert step_n(found, 0) <= 0.5
