@@ -325,7 +325,7 @@ def in_background() -> bool:
 
     Return False where there is nothing to do, or no compiler.
     """
-    if os.name == "nt" or not has_compiler() or not stale():
+    if sys.platform == "win32" or not has_compiler() or not stale():
         return False
     (BUILT).mkdir(exist_ok=True)
     with (BUILT / "log").open("w", encoding="utf-8") as log:
@@ -338,6 +338,8 @@ def in_background() -> bool:
 
 def wait_in_background(starter: int) -> bool:
     """Wait until the process that started this one has ended. Return False where another one compiles already."""
+    if sys.platform == "win32":
+        return False
     import fcntl
 
     lock = os.open(BUILT / "lock", os.O_RDWR | os.O_CREAT)
@@ -346,7 +348,7 @@ def wait_in_background(starter: int) -> bool:
     except OSError:
         return False
     os.nice(19)
-    if hasattr(os, "SCHED_IDLE"):
+    if sys.platform == "linux":
         with contextlib.suppress(OSError):
             os.sched_setscheduler(0, os.SCHED_IDLE, os.sched_param(0))
     while os.getppid() == starter:

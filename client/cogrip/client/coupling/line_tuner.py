@@ -59,9 +59,12 @@ class LineTuner:
             self._goal = self._suited()
             if self._line.auto_impedance:
                 b = bounded(_nearer(b, self._goal.impedance_nspm, b * (self._follower.factor - 1.0)))
-        most_s = min(GENTLE * (lag_s + self._frame_s), RATE * self._frame_s)
-        self.now = now = Tuning(b, _nearer(lag_s, self._goal.filter_lag_s, most_s))
-        return None if now == before else now
+        if lag_s != self._goal.filter_lag_s:
+            lag_s = _nearer(lag_s, self._goal.filter_lag_s, min(GENTLE * (lag_s + self._frame_s), RATE * self._frame_s))
+        if b == before.impedance_nspm and lag_s == before.filter_lag_s:
+            return None
+        self.now = Tuning(b, lag_s)
+        return self.now
 
 
 def _nearer(value: float, goal: float, most: float) -> float:

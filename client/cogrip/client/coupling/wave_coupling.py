@@ -35,7 +35,7 @@ from cogrip.protocol.laws.waves import device_gain, wave_of
 from cogrip.protocol.line.line_in_use import ImpedanceChanges
 from cogrip.protocol.line.loop_meter import LoopMeter
 from cogrip.protocol.line.waves_encoding import encode_waves
-from cogrip.protocol.settings.line_tuning import Tuning, bounded, corner_hz
+from cogrip.protocol.settings.line_tuning import Tuning, corner_hz
 from cogrip.protocol.settings.seat import SeatSettings
 from cogrip.protocol.wire.accounts import LineAccount, LinkCount, PlayoutAccount
 from cogrip.protocol.wire.clock import MessageClock
@@ -288,7 +288,7 @@ class WaveCoupling(Coupling):
             self.object_state = message.state
             self.up.spare, self._acknowledged = message.phase, message.acknowledged
             if message.impedance_nspm:
-                self._answered.add(message.since, bounded(message.impedance_nspm))
+                self._answered.add(message.since, message.impedance_nspm)
             if receiver.overdue is not None and early:
                 self._play_overdue(early)
         return fits

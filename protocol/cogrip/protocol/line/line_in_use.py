@@ -4,7 +4,7 @@ from collections import deque
 from math import exp
 
 from cogrip.protocol.line.loop_meter import LoopMeter
-from cogrip.protocol.settings.line_tuning import flat_s
+from cogrip.protocol.settings.line_tuning import bounded, flat_s
 from cogrip.protocol.settings.types import Prefer
 
 FOLLOW_S = 5.0  # time in which the followed loop time changes by a factor of e at most
@@ -63,10 +63,10 @@ class ImpedanceChanges:
         self._newest = -1
 
     def add(self, number: int, impedance_nspm: float) -> None:
-        """Record that frames from `number` on have this impedance; a number that is not the newest is known already."""
+        """Record that frames from `number` on have this impedance, within bounds; a number that is not the newest is known."""
         if number > self._newest:
             self._newest = number
-            self._coming.append((number, impedance_nspm))
+            self._coming.append((number, bounded(impedance_nspm)))
 
     def at(self, number: int) -> float:
         """Return the impedance of frame `number`, which is no lower than those asked for before."""

@@ -11,7 +11,6 @@ from cogrip.protocol.line.received_waves import ReceivedWaves
 from cogrip.protocol.line.receiver import LineReceiver
 from cogrip.protocol.line.sender import LineSender
 from cogrip.protocol.line.waves_encoding import encode_waves
-from cogrip.protocol.settings.line_tuning import bounded
 from cogrip.protocol.settings.rates import NS_PER_S
 from cogrip.protocol.settings.seat import SeatSettings
 from cogrip.protocol.wire.accounts import PlayoutAccount
@@ -76,7 +75,7 @@ class WavePort(Port):
         if self.origin is None:
             self.origin = datagram.state_from(0, axes)
         if self._impedances is not None and datagram.impedance_nspm:
-            self._impedances.add(datagram.since, bounded(datagram.impedance_nspm))
+            self._impedances.add(datagram.since, datagram.impedance_nspm)
         if self._receiver.newest == newest:
             if self.loops is not None and len(self._applied) < MOST_KEPT:
                 self._applied[newest] = datagram.applied
