@@ -1942,7 +1942,7 @@ static void effects_step(
 #define REST_MPS 0.01
 #define REST_S 0.25
 
-/* Ledger of one person's own spring; client/cogrip/client/coupling/spring_gate.py has its law. */
+/* Ledger of one person's own spring; client/cogrip/client/coupling/partner/spring_gate.py has its law. */
 typedef struct gate {
     sum work;
     double donated_j, credited_j, coming_j, refilled_j, spilt_j, free_before_j, rested_s, worked_j, tick_s;

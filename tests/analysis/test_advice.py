@@ -11,7 +11,7 @@ from cogrip.analysis.advice.advice_change import Change, change_to, ranked_chang
 from cogrip.analysis.advice.finding import growth, warning_rows
 from cogrip.analysis.linear.linear_session import ModelError, scheme_overrides
 from cogrip.analysis.linear.stability import Limit
-from cogrip.client.seat.rendered_damper import rounded_down
+from cogrip.client.safety.rendered_damper import rounded_down
 from cogrip.devices.for_user import make_for
 from cogrip.protocol.line.concealment import held_force
 from cogrip.protocol.settings.room import resolve, seat_settings

@@ -19,7 +19,7 @@ from cogrip.analysis.feel import felt_probe as felt
 from cogrip.analysis.feel.felt_probe import measure_felt
 from cogrip.analysis.linear.linear_session import ModelError
 from cogrip.client.hand.velocity import largest_impedance
-from cogrip.client.seat.rendered_damper import rounded_down
+from cogrip.client.safety.rendered_damper import rounded_down
 from cogrip.devices.for_user import make_for
 from cogrip.protocol.settings.room import rates_of, resolve
 from cogrip.protocol.settings.sections import Settings

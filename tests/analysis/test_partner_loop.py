@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from cogrip.analysis.linear.partner_loop import PartnerLoop
-from cogrip.client.coupling.hand_stiffness import HAND_NSPM
-from cogrip.client.coupling.intention import Intention
+from cogrip.client.coupling.partner.hand_stiffness import HAND_NSPM
+from cogrip.client.coupling.partner.intention import Intention
 from cogrip.protocol.laws.partner_model import HORIZON_S, Model, step_object
 
 PAIR = PartnerLoop(2, 1000.0, 10.0, 0.2, 0.0, 0.1, 0.5)

@@ -7,7 +7,7 @@ import numpy as np
 from cogrip.cli.terminal.output import make_console
 from cogrip.cli.terminal.problem import within
 from cogrip.cli.terminal.tables import plain_table
-from cogrip.client.coupling.partner import PartnerCoupling
+from cogrip.client.coupling.partner.partner_coupling import PartnerCoupling
 
 from tests.bench.targets import reached
 from tests.bench.tick import blocks_us

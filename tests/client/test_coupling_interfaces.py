@@ -3,10 +3,10 @@
 import pytest
 
 from cogrip.client.coupling.interface import Coupling
-from cogrip.client.coupling.local_contact import Contact, LocalCoupling
-from cogrip.client.coupling.local_poses import PoseContact
-from cogrip.client.coupling.local_scene import SceneContact
-from cogrip.client.coupling.local_surface import Face, Surface, Wall
+from cogrip.client.coupling.local.local_contact import Contact, LocalCoupling
+from cogrip.client.coupling.local.local_poses import PoseContact
+from cogrip.client.coupling.local.local_scene import SceneContact
+from cogrip.client.coupling.local.local_surface import Face, Surface, Wall
 from cogrip.client.coupling.schemes import SCHEMES
 from cogrip.machine.compiled_files import form
 from cogrip.protocol.laws.decimation import Boxcar, Decimator, LastSample, Lowpass

@@ -11,11 +11,11 @@ from hypothesis import strategies as st
 from msgspec.structs import replace
 
 from cogrip.client.effects.active import Grating, Vibration
-from cogrip.client.effects.force import LAWS, EffectForce
-from cogrip.client.effects.force_source import AtHand, ForceSources
+from cogrip.client.effects.effect_force import LAWS, EffectForce
 from cogrip.client.effects.laws import PassiveLaw
 from cogrip.client.effects.tank import EnergyTank
 from cogrip.client.hand.frame import HandFrame
+from cogrip.client.sources.force_source import AtHand, ForceSources
 from cogrip.devices.device import Capability
 from cogrip.protocol.settings.effects import MOST_EFFECTS, Effect, unfit_effect
 from cogrip.protocol.wire.messages import Effects

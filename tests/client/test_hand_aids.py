@@ -6,9 +6,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from cogrip.client.effects.force_source import AtHand
-from cogrip.client.effects.hand_aids import HandAids
 from cogrip.client.hand.frame import HandFrame
+from cogrip.client.sources.force_source import AtHand
+from cogrip.client.sources.hand_aids import HandAids
 from cogrip.devices.device import GRAVITY_MPS2
 from cogrip.protocol.settings.hand import NO_LIMIT, HandChange
 

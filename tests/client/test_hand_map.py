@@ -10,7 +10,7 @@ from numpy import dot
 
 from cogrip.client.hand.hand_map import HandMap
 from cogrip.client.hand.velocity import largest_impedance
-from cogrip.client.seat.rendered_damper import refusal
+from cogrip.client.safety.rendered_damper import refusal
 from cogrip.devices.for_user import make_for
 from cogrip.protocol.laws.rotations import exp
 from cogrip.protocol.settings.room import resolve, seat_settings

@@ -2,7 +2,7 @@
 
 import pytest
 
-from cogrip.client.coupling.intention import HAND_NPM, Intention
+from cogrip.client.coupling.partner.intention import HAND_NPM, Intention
 
 TICK_S = 1.0 / 1024.0
 

@@ -7,8 +7,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from cogrip.client.coupling.contact_spring import LENT_J, MOST_SAVED_J, MOST_STEP_N
-from cogrip.client.coupling.local_contact import LocalCoupling
+from cogrip.client.coupling.local.contact_spring import LENT_J, MOST_SAVED_J, MOST_STEP_N
+from cogrip.client.coupling.local.local_contact import LocalCoupling
 from cogrip.client.coupling.schemes import make_local
 from cogrip.client.hand.velocity import largest_impedance
 from cogrip.protocol.line.sender import LineSender

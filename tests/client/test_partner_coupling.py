@@ -3,7 +3,7 @@
 from itertools import pairwise
 from typing import Any
 
-from cogrip.client.coupling.partner import PartnerCoupling
+from cogrip.client.coupling.partner.partner_coupling import PartnerCoupling
 from cogrip.protocol.settings.room import resolve, seat_settings
 from cogrip.protocol.wire.messages import Intent, Partner, Stamp
 

@@ -7,8 +7,8 @@ import pytest
 from hypothesis import example, given
 from hypothesis import strategies as st
 
-from cogrip.client.coupling.fixed_shapes import KINDS, FixedShape, Vector
-from cogrip.client.coupling.proxy import Proxy, without
+from cogrip.client.coupling.local.fixed_shapes import KINDS, FixedShape, Vector
+from cogrip.client.coupling.local.proxy import Proxy, without
 from cogrip.protocol.drawing import Shape
 from cogrip.protocol.laws.rotations import exp
 

@@ -7,7 +7,7 @@ import pytest
 from cogrip.client.core import ClientCore
 from cogrip.client.hand.velocity import largest_impedance
 from cogrip.client.inputs import Connect
-from cogrip.client.seat.rendered_damper import OverloadError, refusal, rounded_down
+from cogrip.client.safety.rendered_damper import OverloadError, refusal, rounded_down
 from cogrip.client.supervised_device import SupervisedDevice
 from cogrip.devices.device import Capability
 from cogrip.devices.registry import make

@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from cogrip.client.coupling.spring_gate import BUDGET_J, CAP_J, DONATED_S, SpringGate
+from cogrip.client.coupling.partner.spring_gate import BUDGET_J, CAP_J, DONATED_S, SpringGate
 
 TICK_S = 1.0 / 1024.0
 

@@ -5,7 +5,7 @@ from itertools import pairwise
 import pytest
 from msgspec import structs
 
-from cogrip.client.coupling.local_contact import LocalCoupling
+from cogrip.client.coupling.local.local_contact import LocalCoupling
 from cogrip.client.coupling.schemes import make_local
 from cogrip.client.safety.force_limits import SOFT_SLOPE_NPS
 from cogrip.client.safety.oscillation import OscillationDetector

@@ -10,9 +10,9 @@ import msgspec
 import pytest
 from msgspec.structs import replace
 
-from cogrip.client.effects.force import EffectForce
-from cogrip.client.effects.force_source import AtHand, ForceSources
+from cogrip.client.effects.effect_force import EffectForce
 from cogrip.client.hand.frame import HandFrame
+from cogrip.client.sources.force_source import AtHand, ForceSources
 from cogrip.protocol.settings.effects import EFFECT_KINDS, MOST_POINTS, Effect, EffectKind
 from cogrip.protocol.wire.messages import Effects, decode, encode
 
@@ -83,7 +83,6 @@ class Pair:
         out, rows = (c_double * (AXES + 7))(), [(c_double * AXES)(*row) for row in (held, start, end, speed, law)]
         self.library.probe_effects_tick(tick, *rows[:4], gain, rows[4], out)
         one, sources = self.reference, self.sources
-        sources.look()
         sources.enter(1, tuple(held), held, tuple(start), tuple(end))
         if gain < 0.0:
             one.begin_anew()

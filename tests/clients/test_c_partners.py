@@ -9,9 +9,9 @@ from typing import Any
 import msgpack
 import pytest
 
-from cogrip.client.coupling.hand_stiffness import HAND_NPM
-from cogrip.client.coupling.intention import Intention
-from cogrip.client.coupling.spring_gate import BUDGET_J, SpringGate
+from cogrip.client.coupling.partner.hand_stiffness import HAND_NPM
+from cogrip.client.coupling.partner.intention import Intention
+from cogrip.client.coupling.partner.spring_gate import BUDGET_J, SpringGate
 from cogrip.protocol.laws.partner_model import Model, step_object
 from cogrip.protocol.wire.messages import Partner, encode
 

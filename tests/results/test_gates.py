@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from cogrip.client.coupling.spring_gate import BUDGET_J, REFILL_W, SpringGate
+from cogrip.client.coupling.partner.spring_gate import BUDGET_J, REFILL_W, SpringGate
 from cogrip.protocol.settings.room import resolve
 from cogrip.protocol.settings.sections import Settings
 from cogrip.results.reading.folder import client_recording

@@ -16,8 +16,8 @@ from typing import NamedTuple
 import numpy as np
 from msgspec.structs import replace
 
-from cogrip.client.coupling.partner import PartnerCoupling
-from cogrip.client.coupling.spring_gate import BUDGET_J, REFILL_W, REST_MPS, REST_S
+from cogrip.client.coupling.partner.partner_coupling import PartnerCoupling
+from cogrip.client.coupling.partner.spring_gate import BUDGET_J, REFILL_W, REST_MPS, REST_S
 from cogrip.protocol.settings.link_profile import LinkProfile
 from cogrip.protocol.settings.room import resolve, seat_settings
 from cogrip.protocol.settings.seat import SeatSettings

@@ -2,8 +2,8 @@
 
 import pytest
 
-from cogrip.client.coupling.choosing import Trust
-from cogrip.client.coupling.spring_gate import SpringGate
+from cogrip.client.coupling.partner.spring_gate import SpringGate
+from cogrip.client.coupling.partner.trust import Trust
 
 from tests.extent import every
 from tests.sim.gate_sessions import POWER_W, outcome_of

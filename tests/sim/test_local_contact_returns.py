@@ -6,9 +6,9 @@ from math import dist, hypot
 
 import pytest
 
-from cogrip.client.coupling.contact_spring import LENT_J, MOST_SAVED_J
-from cogrip.client.coupling.local_contact import LocalCoupling
-from cogrip.client.coupling.local_poses import PoseContact
+from cogrip.client.coupling.local.contact_spring import LENT_J, MOST_SAVED_J
+from cogrip.client.coupling.local.local_contact import LocalCoupling
+from cogrip.client.coupling.local.local_poses import PoseContact
 from cogrip.client.inputs import DeviceFailed, Rearm
 from cogrip.results.verdict.verdict import felt
 from cogrip.results.writing.summary import of_laboratory

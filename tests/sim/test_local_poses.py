@@ -10,7 +10,7 @@ import pytest
 from msgspec.structs import replace
 
 from cogrip.cli.settings.shipped_settings import shipped_scene
-from cogrip.client.coupling.contact_spring import LENT_J, MOST_SAVED_J
+from cogrip.client.coupling.local.contact_spring import LENT_J, MOST_SAVED_J
 from cogrip.protocol.laws.rotations import between, exp
 from cogrip.protocol.recording.reader import open_recording
 from cogrip.protocol.recording.records import Datagram

@@ -8,8 +8,8 @@ from typing import Any
 
 import pytest
 
-from cogrip.client.coupling.partner import PartnerCoupling
-from cogrip.client.coupling.spring_gate import BUDGET_J, SpringGate
+from cogrip.client.coupling.partner.partner_coupling import PartnerCoupling
+from cogrip.client.coupling.partner.spring_gate import BUDGET_J, SpringGate
 from cogrip.protocol.settings.room import resolve
 from cogrip.protocol.wire.session import LOST_NS
 from cogrip.server.inputs import Kick

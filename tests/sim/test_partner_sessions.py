@@ -5,8 +5,8 @@ from typing import Any
 import numpy as np
 import pytest
 
-from cogrip.client.coupling.partner import PartnerCoupling
-from cogrip.client.coupling.spring_gate import BUDGET_J
+from cogrip.client.coupling.partner.partner_coupling import PartnerCoupling
+from cogrip.client.coupling.partner.spring_gate import BUDGET_J
 from cogrip.protocol.settings.room import resolve
 from cogrip.sim.laboratory import Laboratory
 

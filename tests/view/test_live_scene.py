@@ -9,7 +9,7 @@ import msgspec
 import pytest
 
 from cogrip.client import inputs
-from cogrip.client.coupling.partner import PartnerCoupling
+from cogrip.client.coupling.partner.partner_coupling import PartnerCoupling
 from cogrip.client.observer import ObserverCore
 from cogrip.protocol.recording.records import Datagram
 from cogrip.protocol.settings.room import resolve

@@ -15,7 +15,7 @@ from typing import Literal
 from cogrip.client.core import ClientCore
 from cogrip.client.inputs import DeviceFailed, DeviceOpened, ForceApplied, Rearm
 from cogrip.client.safety.limiter import STALL_S
-from cogrip.client.seat.rendered_damper import OverloadError, refusal
+from cogrip.client.safety.rendered_damper import OverloadError, refusal
 from cogrip.devices.device import Capability, Device, DeviceError, defect, defects_named
 from cogrip.devices.plausibility import ForceReports
 from cogrip.devices.sample import Sample

@@ -33,7 +33,7 @@ from cogrip.analysis.linear.stability import (
     verdict,
 )
 from cogrip.client.hand.velocity import Bound, largest_impedance
-from cogrip.client.seat.rendered_damper import ROUNDING, bound_words, damper_on, refusal, rounded_down
+from cogrip.client.safety.rendered_damper import ROUNDING, bound_words, damper_on, refusal, rounded_down
 from cogrip.devices.device import MOST_SLOPE_NPS, Capability
 from cogrip.devices.for_user import make_for
 from cogrip.devices.registry import is_input_only

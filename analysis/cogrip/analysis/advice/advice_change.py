@@ -16,7 +16,7 @@ from cogrip.analysis.advice.finding import LEVELS, Level, plain, said_of, warnin
 from cogrip.analysis.linear.lifted_model import LiftedModel
 from cogrip.analysis.linear.linear_session import ModelError
 from cogrip.analysis.linear.stability import Limit
-from cogrip.client.seat.rendered_damper import rounded_down
+from cogrip.client.safety.rendered_damper import rounded_down
 from cogrip.devices.device import DeviceError
 from cogrip.machine.addition import add_integers
 from cogrip.protocol.settings.room import resolve

@@ -2,10 +2,10 @@
 
 from math import inf
 
-from cogrip.client.effects.force import LAWS
+from cogrip.client.effects.effect_force import LAWS
 from cogrip.client.effects.laws import ActiveLaw
 from cogrip.client.hand.velocity import lag_ticks, largest_impedance
-from cogrip.client.seat.rendered_damper import damper_on
+from cogrip.client.safety.rendered_damper import damper_on
 from cogrip.devices.device import MOST_SLOPE_NPS, Capability
 from cogrip.protocol.axes import PLACES
 from cogrip.protocol.settings.effects import Effect

@@ -14,7 +14,7 @@ from cogrip.analysis.feel.feel import no_contact
 from cogrip.analysis.linear.lifted_model import LiftedModel
 from cogrip.analysis.linear.linear_session import FORMS, LinearPerson, LinearSession
 from cogrip.analysis.linear.stability import verdict
-from cogrip.client.seat.rendered_damper import rounded_down
+from cogrip.client.safety.rendered_damper import rounded_down
 
 _HALVINGS = 7  # number of halvings in the search of the largest impedance with which nothing grows
 

@@ -10,7 +10,7 @@ from math import pi
 
 from cogrip.analysis.advice.advice import HEAVY_KG, carried_finding, gaps
 from cogrip.analysis.advice.finding import Finding, Level, plain
-from cogrip.client.seat.rendered_damper import damper_on
+from cogrip.client.safety.rendered_damper import damper_on
 from cogrip.devices.for_user import address_of, make_for
 from cogrip.devices.settings import parse_address
 from cogrip.machine.addition import add_floats

@@ -20,7 +20,7 @@ from cogrip.analysis.linear.lifted_model import LiftedModel
 from cogrip.analysis.linear.linear_session import linear_session
 from cogrip.analysis.linear.stability import Limit, largest_stable
 from cogrip.client.hand.velocity import largest_impedance
-from cogrip.client.seat.rendered_damper import rounded_down
+from cogrip.client.safety.rendered_damper import rounded_down
 from cogrip.devices.for_user import make_for
 from cogrip.protocol.settings.room import rates_of, resolve
 from cogrip.protocol.settings.sections import Settings

@@ -15,7 +15,7 @@ import numpy as np
 
 from cogrip.analysis.linear.state_space import Complex
 from cogrip.client.hand.velocity import MEMORY, memory_for
-from cogrip.client.seat.rendered_damper import seat_on
+from cogrip.client.safety.rendered_damper import seat_on
 from cogrip.devices.device import Capability, Device
 from cogrip.devices.for_user import address_of, make_for
 from cogrip.devices.settings import parse_address

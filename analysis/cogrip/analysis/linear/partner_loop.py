@@ -16,8 +16,8 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from cogrip.client.coupling.hand_stiffness import HAND_NPM, LEAST_NPM, MOST_NPM
-from cogrip.client.coupling.intention import RATE_S, SMOOTHING_S
+from cogrip.client.coupling.partner.hand_stiffness import HAND_NPM, LEAST_NPM, MOST_NPM
+from cogrip.client.coupling.partner.intention import RATE_S, SMOOTHING_S
 from cogrip.protocol.laws.partner_model import ADDED_NSPM, DAMPED_NPM, HAND_NSPM, HORIZON_S, MODEL_KG
 
 Array = NDArray[np.float64]

@@ -37,7 +37,7 @@ from cogrip.cli.terminal.problem import BadInput, Problem, above_zero
 from cogrip.cli.terminal.screen import LiveScreen, may_draw
 from cogrip.client.io.paths import JoinError, RefusedError
 from cogrip.client.loop import LiveClient, SessionEnded
-from cogrip.client.seat.rendered_damper import OverloadError
+from cogrip.client.safety.rendered_damper import OverloadError
 from cogrip.devices.device import DeviceError
 from cogrip.devices.family.web import public
 from cogrip.devices.simulated.simulated_device import SimulatedDevice

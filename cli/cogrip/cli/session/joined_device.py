@@ -6,7 +6,7 @@ from cogrip.analysis.advice.advice import advise_seat, unbounded
 from cogrip.analysis.advice.plausible import hand_findings
 from cogrip.cli.settings.before_run import ALLOW, HELD_BY_NOBODY, refuse_implausible
 from cogrip.cli.terminal.problem import BadInput
-from cogrip.client.seat import rendered_damper
+from cogrip.client.safety import rendered_damper
 from cogrip.devices.arm.driver import ArmDevice
 from cogrip.devices.device import Capability, Device, DeviceError
 from cogrip.devices.for_user import HANDLESS, address_of, make_for

@@ -6,11 +6,11 @@ A new one also needs a row with its properties and one at the server: docs/desig
 from collections.abc import Callable
 
 from cogrip.client.coupling.interface import Coupling
-from cogrip.client.coupling.local_contact import LocalCoupling
-from cogrip.client.coupling.local_poses import PoseContact
-from cogrip.client.coupling.local_scene import SceneContact
-from cogrip.client.coupling.local_surface import Face, Wall
-from cogrip.client.coupling.partner import PartnerCoupling
+from cogrip.client.coupling.local.local_contact import LocalCoupling
+from cogrip.client.coupling.local.local_poses import PoseContact
+from cogrip.client.coupling.local.local_scene import SceneContact
+from cogrip.client.coupling.local.local_surface import Face, Wall
+from cogrip.client.coupling.partner.partner_coupling import PartnerCoupling
 from cogrip.client.coupling.passivity_control import PassivityControl
 from cogrip.client.coupling.virtual_coupling import VirtualCoupling
 from cogrip.client.coupling.wave_coupling import WaveCoupling

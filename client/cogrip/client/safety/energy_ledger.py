@@ -22,13 +22,18 @@ from cogrip.protocol.wire.accounts import LinkCount, PlayoutAccount
 
 
 class EnergyLedger:
-    """coupling: the one in use; effects_j: work against effects. `closed_...` are sums over the lines before."""
+    """Accounts of a hand's work, through all lines that it has had.
+
+    coupling     the one in use
+    sources_j    work against the forces beside the coupling
+    `closed_...` are sums over the lines before
+    """
 
     def __init__(self, coupling: Coupling) -> None:
         self.coupling = coupling
         self.power_ratio = 1.0  # power at the hand by power into the line (`hand_map`)
         self.work = CompensatedSum()
-        self.leak_j = self.least_leak_j = self.effects_j = 0.0
+        self.leak_j = self.least_leak_j = self.sources_j = 0.0
         self.closed_given_j = self.closed_port_j = self.closed_entered_j = (
             0.0  # by, into, by the hand into the closed lines
         )
@@ -74,10 +79,10 @@ class EnergyLedger:
         self.closed_port_j += power_ratio * coupling.port_j
         self.closed_entered_j += power_ratio * coupling.entered_j()
 
-    def set_effects(self, work_j: float) -> None:
-        """Count the hand's work against effects as entered, like that into closed lines."""
-        self.closed_entered_j += work_j - self.effects_j
-        self.effects_j = work_j
+    def set_sources(self, work_j: float) -> None:
+        """Count the hand's work against sources as entered, like that into closed lines."""
+        self.closed_entered_j += work_j - self.sources_j
+        self.sources_j = work_j
 
     def set_power_ratio(self, power_ratio: float) -> None:
         """Weigh what the line takes and gives so from now on."""

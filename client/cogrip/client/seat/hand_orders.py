@@ -6,10 +6,10 @@ between two ticks, exactly (`EnergyLedger.set_power_ratio`). Places of hand and 
 
 from typing import NamedTuple
 
-from cogrip.client.effects.hand_aids import HandAids
 from cogrip.client.hand.frame import HandFrame
 from cogrip.client.hand.hand_map import HandMap
 from cogrip.client.hand_changes import TakenChanges
+from cogrip.client.sources.hand_aids import HandAids
 from cogrip.machine.rows import Row
 from cogrip.protocol.settings.hand import HandChange, unfit
 from cogrip.protocol.settings.seat import SeatSettings

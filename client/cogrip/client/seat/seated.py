@@ -14,9 +14,7 @@ from msgspec.structs import replace
 
 from cogrip.client.coupling.interface import Coupling
 from cogrip.client.coupling.schemes import make_coupling
-from cogrip.client.effects.force import EffectForce
-from cogrip.client.effects.force_source import AtHand, ForceSources
-from cogrip.client.effects.hand_aids import HandAids
+from cogrip.client.effects.effect_force import EffectForce
 from cogrip.client.hand.axes import AxisUnits
 from cogrip.client.hand.felt_stiffness import REST_S, FeltStiffness
 from cogrip.client.hand.grip_axes import GripAxes
@@ -30,6 +28,8 @@ from cogrip.client.safety.shaking import Shaking
 from cogrip.client.seat.hand_motion import HandMotion, work_and_velocity
 from cogrip.client.seat.hand_orders import HandOrders
 from cogrip.client.seat.peaks import Peaks
+from cogrip.client.sources.force_source import AtHand, ForceSources
+from cogrip.client.sources.hand_aids import HandAids
 from cogrip.devices.device import Capability
 from cogrip.devices.sample import Sample
 from cogrip.machine.addition import add_floats
@@ -184,7 +184,7 @@ class SeatedClient:
         self.orders.changes.begin()
         self.coupling = coupling = make_coupling(self.settings)
         self.ledger.begin_line(coupling)
-        self.effects.forget()
+        self.sources.forget()
         self._fit_coupling()
         if self.handle is not None:
             self.handle.edges.begin()
@@ -225,7 +225,6 @@ class SeatedClient:
                 self._fit_coupling()
                 self.sources.begin_anew()  # their springs held energy by the ratio before
             if applied.aids:
-                self.sources.look()
                 self.settings = replace(
                     self.settings, workspace_limit=self.aids.limit, gravity_compensation=holds.gravity_compensation
                 )
@@ -269,7 +268,6 @@ class SeatedClient:
         effects = self.effects
         if reason := effects.tell(told, self.tick):
             self.session.drop(reason)
-        self.sources.look()
         return replace(told, numbers=effects.known(told.numbers), effect=None)
 
     def sense(self, tick: int, sample: Sample | None, now_ns: int) -> None:
@@ -360,8 +358,8 @@ class SeatedClient:
         """Return the coupling's part of the force in `elapsed` ticks, and add the work of the sources' part to the ledger."""
         sources = self.sources
         force = sources.enter(elapsed, self.force_n, force, self.hand.start_m, position_m)
-        if sources.work_j != self.ledger.effects_j:
-            self.ledger.set_effects(sources.work_j)
+        if sources.work_j != self.ledger.sources_j:
+            self.ledger.set_sources(sources.work_j)
         return force
 
     def _start_frame(self, tick: int) -> None:

@@ -10,7 +10,7 @@ cdef class EnergyLedger:
     cdef public CompensatedSum work
     cdef public double leak_j
     cdef public double least_leak_j
-    cdef public double effects_j
+    cdef public double sources_j
     cdef public double closed_given_j
     cdef public double closed_port_j
     cdef public double closed_entered_j
@@ -25,4 +25,4 @@ cdef class EnergyLedger:
     cpdef compare(self)
     @cython.locals(port_j=double, lost="long long")
     cpdef tuple recorded(self)
-    cpdef set_effects(self, double work_j)
+    cpdef set_sources(self, double work_j)

@@ -3,7 +3,7 @@ cimport cython
 from cogrip.client.coupling.interface cimport Coupling
 from cogrip.client.safety.device_port cimport DevicePort
 from cogrip.client.safety.energy_ledger cimport EnergyLedger
-from cogrip.client.effects.force_source cimport ForceSources
+from cogrip.client.sources.force_source cimport ForceSources
 from cogrip.client.hand.axes cimport AxisUnits
 from cogrip.client.hand.frame cimport HandFrame
 from cogrip.client.seat.hand_motion cimport HandMotion, work_and_velocity

@@ -17,7 +17,7 @@ from cogrip.protocol.drawing import Shape
 from cogrip.protocol.settings.types import Name
 
 EffectKind = Literal["viscous", "vibration", "texture", "magnet", "path", "zone"]
-"""Kinds of effect. A kind is a name here, its row in EFFECT_KINDS, and its law in `cogrip.client.effects.force`."""
+"""Kinds of effect. A kind is a name here, its row in EFFECT_KINDS, and its law in `cogrip.client.effects.effect_force`."""
 MOST_EFFECTS = 16  # most effects of one seat at once
 MOST_POINTS = 8  # most points of a path
 MOST_EFFECT_HZ = 256.0

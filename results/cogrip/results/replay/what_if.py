@@ -15,7 +15,7 @@ from typing import Any, Literal
 import msgspec
 
 from cogrip.client.recorder import start_of
-from cogrip.client.seat.rendered_damper import refusal
+from cogrip.client.safety.rendered_damper import refusal
 from cogrip.devices.device import Capability
 from cogrip.devices.for_user import address_of
 from cogrip.protocol.recording.reader import RecordingError

@@ -15,7 +15,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from cogrip.client.coupling.spring_gate import BUDGET_J, REFILL_W, REST_MPS, REST_S
+from cogrip.client.coupling.partner.spring_gate import BUDGET_J, REFILL_W, REST_MPS, REST_S
 from cogrip.machine.addition import add_floats, add_integers
 from cogrip.protocol.recording.reader import RecordingError
 from cogrip.results.reading.records import End, RunRecords, open_run

@@ -11,7 +11,7 @@ from tick to tick, with the k of now: a k that changes is no motion.
 
 from collections.abc import Sequence
 
-from cogrip.client.coupling.hand_stiffness import HAND_NPM
+from cogrip.client.coupling.partner.hand_stiffness import HAND_NPM
 from cogrip.protocol.laws.partner_model import HAND_NSPM
 
 SMOOTHING_S = 0.01  # tau

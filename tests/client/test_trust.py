@@ -6,7 +6,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from cogrip.client.coupling.choosing import KEPT_S, LEAST, MEAN_S, ROUGH_M, Trust
+from cogrip.client.coupling.partner.trust import KEPT_S, LEAST, MEAN_S, ROUGH_M, Trust
 
 FRAME_S = 1.0 / 128.0
 LOOP = 26  # frames

@@ -11,7 +11,7 @@ told, and what was last known stays.
 
 from collections.abc import Sequence
 
-from cogrip.client.coupling.hand_stiffness import DeviceDrag
+from cogrip.client.coupling.partner.hand_stiffness import DeviceDrag
 from cogrip.machine.addition import add_floats
 
 FILTER_S = 0.003

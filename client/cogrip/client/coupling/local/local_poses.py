@@ -11,8 +11,8 @@ as the server's end is clear as well. What the hand has moved and s has not show
 
 from collections.abc import Sequence
 
-from cogrip.client.coupling.local_contact import LocalCoupling
-from cogrip.client.coupling.local_scene import SceneContact
+from cogrip.client.coupling.local.local_contact import LocalCoupling
+from cogrip.client.coupling.local.local_scene import SceneContact
 from cogrip.machine.rows import Row
 from cogrip.protocol.axes import PLACES
 from cogrip.protocol.settings.seat import SeatSettings

@@ -14,9 +14,9 @@ as well: a line that presses the hand onto it would else throw it back at once, 
 from collections.abc import Sequence
 from math import sqrt
 
-from cogrip.client.coupling.fixed_shapes import KINDS, FixedShape, Vector
-from cogrip.client.coupling.local_contact import Contact, LocalCoupling
-from cogrip.client.coupling.proxy import Ball, Proxy, without
+from cogrip.client.coupling.local.fixed_shapes import KINDS, FixedShape, Vector
+from cogrip.client.coupling.local.local_contact import Contact, LocalCoupling
+from cogrip.client.coupling.local.proxy import Ball, Proxy, without
 from cogrip.machine.rows import Row
 from cogrip.protocol.axes import PLACES
 from cogrip.protocol.drawing import MOST_LOCAL, MOST_PAIRS, Shape

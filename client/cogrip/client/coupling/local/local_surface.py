@@ -18,7 +18,7 @@ line, of impedance b, returning wave w. A tick of the copy is an implicit midpoi
 from collections.abc import Sequence
 from math import inf
 
-from cogrip.client.coupling.local_contact import Contact, LocalCoupling
+from cogrip.client.coupling.local.local_contact import Contact, LocalCoupling
 from cogrip.devices.device import MOST_SLOPE_NPS, Capability
 from cogrip.protocol.line.energy_sums import CompensatedSum
 from cogrip.protocol.settings.seat import SeatSettings

@@ -13,7 +13,7 @@ from collections.abc import Sequence
 from itertools import combinations
 from math import dist, hypot, inf, sqrt
 
-from cogrip.client.coupling.fixed_shapes import FixedShape, Vector
+from cogrip.client.coupling.local.fixed_shapes import FixedShape, Vector
 from cogrip.machine.addition import add_floats
 
 ROUNDS = 12  # most rounds in which the planes that hold the proxy are sought

@@ -11,8 +11,8 @@ from operator import mul
 
 from msgspec.structs import replace
 
-from cogrip.client.coupling.contact_spring import ContactSpring
 from cogrip.client.coupling.interface import Coupling
+from cogrip.client.coupling.local.contact_spring import ContactSpring
 from cogrip.client.coupling.wave_coupling import WaveCoupling
 from cogrip.devices.device import Capability
 from cogrip.machine.addition import add_floats

@@ -1,11 +1,11 @@
 """Forces at a hand beside its coupling's: what a source of one is, and the sum of those of a seat (theory 1.2, 7.8).
 
-A new source is a class here that gives a `force`, and its place in the list that `SeatedClient` makes. Device port and safety
-limit the sum of all: no source need know what they do to it, beyond the part that acted.
+A new source is a class that gives a `force`, and its place among the `ForceSources` that `SeatedClient` makes. Device port and
+safety limit the sum of all: no source need know what they do to it, beyond the part that acted.
 """
 
 from abc import ABC, abstractmethod
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from typing import NamedTuple
 
 from cogrip.client.hand.frame import HandFrame
@@ -23,7 +23,7 @@ class AtHand(NamedTuple):
     frame         of the hand: where its tool is (`place`), and a tool's force at the hand (`hand_force`)
     gain          of the ramp of safety, as it will be in this tick
     carried_nspm  impedance that the device carries, at the tool
-    carried_npm   stiffness that it carries there
+    carried_npm   stiffness that it carries there, for all sources together
     """
 
     tick: int
@@ -38,7 +38,6 @@ class AtHand(NamedTuple):
 class ForceSource(ABC):
     """One force at a hand; a subclass gives `force`. Its default accounts are those of a force that a line never sees.
 
-    present      whether it may give force: else no tick asks it
     asked_n      force of this tick, before ramp and limits, shape (axes,); None where there is none
     acted_n      what acted of it in the ticks that were entered last; () for nothing
     local_n      part of `asked_n` that follows the hand's motion, which the detector of oscillation is to know; () none
@@ -49,7 +48,8 @@ class ForceSource(ABC):
     """
 
     def __init__(self, present: bool) -> None:
-        self.present = present
+        self._present = present
+        self.tell_change: Callable[[], None] = lambda: None  # called as `present` changes
         self.asked_n: Row | None = None
         self.acted_n: Sequence[float] = ()
         self.local_n: Sequence[float] = ()
@@ -57,6 +57,17 @@ class ForceSource(ABC):
         self.potential_j = self.work_j = 0.0
         self.reduced = False
         self._parts: DelayLine[Row] = DelayLine()
+
+    @property
+    def present(self) -> bool:
+        """Return whether it may give force: else no tick asks it."""
+        return self._present
+
+    @present.setter
+    def present(self, value: bool) -> None:
+        if value != self._present:
+            self._present = value
+            self.tell_change()
 
     def fit(self, record: Capability, own: Capability, free_j: float) -> None:
         """Set the device. record: in lengths, own: with the units of each axis.
@@ -86,6 +97,9 @@ class ForceSource(ABC):
         """Render nothing from now on, and come again as if new: what springs held is lost."""
         self.asked_n = None
 
+    def forget(self) -> None:  # noqa: B027 - most sources have nothing of a server
+        """End what a server told: another line begins, perhaps of another server."""
+
 
 class ForceSources:
     """All sources of one seat, in the order in which they are added.
@@ -100,12 +114,14 @@ class ForceSources:
 
     def __init__(self, *sources: ForceSource) -> None:
         self._all = sources
+        for source in sources:
+            source.tell_change = self._look
         self.wish_n: Sequence[float] = ()
         self.potential_j = self.work_j = 0.0
         self.reduced = False
-        self.look()
+        self._look()
 
-    def look(self) -> None:
+    def _look(self) -> None:
         """Look which sources may give force from now on."""
         self.present = tuple([source for source in self._all if source.present])
         self.asked_n: Sequence[float] | None = None
@@ -114,12 +130,16 @@ class ForceSources:
         """Set the device, as `ForceSource.fit` does."""
         for source in self._all:
             source.fit(record, own, free_j)
-        self.look()
 
     def begin_anew(self) -> None:
         """Have every source come again as if new."""
         for source in self.present:
             source.begin_anew()
+
+    def forget(self) -> None:
+        """Have every source end what a server told."""
+        for source in self._all:
+            source.forget()
 
     def added(self, own_n: Sequence[float], at: AtHand) -> Sequence[float]:
         """Return the coupling's force with that of all sources [N], shape (axes,)."""

@@ -13,12 +13,12 @@ from operator import mul
 
 from msgspec.structs import replace
 
-from cogrip.client.coupling.choosing import Trust
-from cogrip.client.coupling.hand_stiffness import DeviceDrag, HandStiffness
-from cogrip.client.coupling.intention import Intention
 from cogrip.client.coupling.interface import Coupling, LatestStateCoupling
-from cogrip.client.coupling.release import Release
-from cogrip.client.coupling.spring_gate import BUDGET_J, SpringGate
+from cogrip.client.coupling.partner.hand_stiffness import DeviceDrag, HandStiffness
+from cogrip.client.coupling.partner.intention import Intention
+from cogrip.client.coupling.partner.release import Release
+from cogrip.client.coupling.partner.spring_gate import BUDGET_J, SpringGate
+from cogrip.client.coupling.partner.trust import Trust
 from cogrip.devices.device import Capability
 from cogrip.machine.addition import add_floats
 from cogrip.machine.rows import Row

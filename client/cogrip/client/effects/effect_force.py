@@ -16,11 +16,11 @@ from math import hypot, inf
 
 from cogrip.client.effects.active import Grating, Vibration
 from cogrip.client.effects.fields import ViscousField
-from cogrip.client.effects.force_source import AtHand, ForceSource
 from cogrip.client.effects.laws import ActiveLaw, PassiveLaw
 from cogrip.client.effects.springs import ForbiddenZone, GuidingPath, Magnet
 from cogrip.client.effects.tank import EnergyTank
 from cogrip.client.rows.delay_line import DelayLine
+from cogrip.client.sources.force_source import AtHand, ForceSource
 from cogrip.devices.device import MOST_SLOPE_NPS, Capability
 from cogrip.machine.addition import add_floats
 from cogrip.machine.rows import Floats

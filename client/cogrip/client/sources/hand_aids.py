@@ -12,9 +12,9 @@ times the height, goes to the device's ledger, so a closed path does no work, wh
 from collections.abc import Sequence
 from math import hypot, sqrt
 
-from cogrip.client.effects.force_source import AtHand, ForceSource
 from cogrip.client.hand.velocity import largest_impedance
 from cogrip.client.rows.springs import spring_j
+from cogrip.client.sources.force_source import AtHand, ForceSource
 from cogrip.devices.device import GRAVITY_MPS2, Capability
 from cogrip.machine.addition import add_floats
 from cogrip.machine.rows import Row
