@@ -226,7 +226,7 @@ BAD = {
     f"check serial:{GONE} --yes --current-ma 0": "--current-ma 0: give more than 0",
     f"check serial:{GONE} --yes --current-ma nan": "--current-ma nan",
     f"check serial:{GONE} --yes --moving-s -1": "--moving-s -1: give 0 to 600",
-    "check haply:/dev/ttyACM0?model=2diy --yes": "takes torques and has no watchdog, so it is not pushed",
+    "check haply:/dev/ttyACM0?model=2diy --yes": "its board has no watchdog, so it is not pushed",
     "conform sim:phantom --axes 4": "axes=4 is out of 1 to 3",
     "conform sim:phantom --rate-hz 0": "--rate-hz 0 is outside 1 to ",
     "list phantm": "no address has 'phantm' in it",

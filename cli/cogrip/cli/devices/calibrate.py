@@ -1,7 +1,6 @@
 """`cogrip devices calibrate`: the pose of an arm at the start of its counters, and the losses of its mechanism."""
 
 import time
-from math import degrees
 
 from rich.console import Console
 
@@ -39,7 +38,7 @@ def device_calibrate(address: str, /, *, yes: bool = False, damping: bool = Fals
     arm = arm_at(address)
     if damping:
         return _identify(arm, address, console, yes=yes)
-    console.print(f"Home pose: {_home(arm, address)} (see docs/devices.md).")
+    console.print(f"Home pose: {arm.home_words()} (see docs/devices.md).")
     if not yes:
         try_line(arm)
         wait_for_enter(console, "Put the arm there and hold it still.")
@@ -72,8 +71,8 @@ def _identify(arm: ArmDevice, address: str, console: Console, *, yes: bool) -> i
         try_line(arm)
         wait_for_enter(console, "Put the arm in mid-range, take your hands off it, keep one at the power switch.")
     with Problem.of(DeviceError):
-        # Haply's "currents" are torques: half of the motors' continuous torque is small enough
-        force_n = force_within(arm.model, float("inf") if address.startswith("haply:") else MOST_TEST_MA)
+        # Where it takes torques, half of the motors' continuous torque is small enough
+        force_n = force_within(arm.model, float("inf") if arm.model.takes_torques else MOST_TEST_MA)
         console.print("  how it moves under small forces")
         if wrong := try_response(address):
             raise DeviceError(f"it does not move as its record says, and nothing is kept: {'; '.join(wrong)}")
@@ -95,11 +94,3 @@ def _identify(arm: ArmDevice, address: str, console: Console, *, yes: bool) -> i
 
 def _now() -> str:
     return time.strftime("%Y-%m-%d %H:%M:%S")
-
-
-def _home(arm: ArmDevice, address: str) -> str:
-    """Return the home pose in words. Planar arms have no usual one: theirs is a setting."""
-    if address.startswith("haply:"):
-        a, b, _ = (degrees(angle) for angle in arm.model.drive.angles(arm.model.home_counts))
-        return f"first link at {a:.0f}, second at {b:.0f} degrees, as the key home_deg says"
-    return "turret straight ahead, upper arm vertical, forearm horizontal"

@@ -47,10 +47,8 @@ def device_check(
     if not 0.0 <= moving_s <= MOST_MOVING_S:
         raise BadInput(f"--moving-s {moving_s:g}: give 0 to {MOST_MOVING_S:g}")
     arm = arm_at(address)
-    if address.startswith("haply:"):
-        raise BadInput(
-            f"{address}: its board takes torques and has no watchdog, so it is not pushed here; see docs/devices.md"
-        )
+    if not arm.has_watchdog:
+        raise BadInput(f"{address}: its board has no watchdog, so it is not pushed here; see docs/devices.md")
     if not yes:
         try_line(arm)
         wait_for_enter(console, "Put the arm in mid-range, take your hands off it, keep one at the power switch.")

@@ -60,7 +60,10 @@ class ArmDevice(Driver):
 
     identify: asks the wire what it is, where the address leaves that open; gives the model.
     store: has the damping and friction that were identified; they go into the record.
+    has_watchdog: the firmware lets the motors go where no command comes; without, nobody pushes an arm that no hand holds.
     """
+
+    has_watchdog = True
 
     def __init__(
         self, name: str, axes: int, exchange: RequestExchange, known: Callable[[str], ArmModel], pose: Pose,
@@ -113,6 +116,10 @@ class ArmDevice(Driver):
             device=self._where, model=self.model.record.model, drive=drive_of(self.model), own_damping_nspm=damping_nspm,
             own_friction_n=friction_n, made=made,
         )  # fmt: skip
+
+    def home_words(self) -> str:
+        """Return the home pose in words."""
+        return "turret straight ahead, upper arm vertical, forearm horizontal"
 
     @property
     def model(self) -> ArmModel:

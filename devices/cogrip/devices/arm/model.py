@@ -56,6 +56,7 @@ class ArmModel:
     gimbal      of the handle; None where there is none
     gimbal_home_counts  those that the three counters of the handle have in the home pose
     holds_weight the motors hold the arm's own weight, as with its maker's software
+    takes_torques  what its firmware calls currents are steps of torque
     """
 
     kinematics: Kinematics
@@ -66,6 +67,7 @@ class ArmModel:
     gimbal_home_counts: Vector = (0.0, 0.0, 0.0)
     holds_weight: bool = False
     gimbal: Gimbal | None = None
+    takes_torques: bool = False
 
     def with_settings(self, settings: ArmSettings, where: str) -> ArmModel:
         """This model with the keys that were given in place. Raises DeviceError for a value that no arm has.

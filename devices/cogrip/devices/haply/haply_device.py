@@ -1,5 +1,7 @@
 """A Haply arm: an `ArmDevice` whose counters begin with a setup, which must not be repeated while its pose is to stay known."""
 
+from math import degrees
+
 from cogrip.devices.arm.driver import ArmDevice
 from cogrip.devices.arm.exchange import ByteLine, RequestExchange
 from cogrip.devices.arm.model import Pose
@@ -12,6 +14,8 @@ from cogrip.devices.haply.models import HaplyModel
 class HaplyDevice(ArmDevice):
     """See `Device`. number: any, another one in another process; ids are drawn from it."""
 
+    has_watchdog = False
+
     def __init__(
         self, name: str, axes: int, line: ByteLine, codec: HaplyCodec, model: HaplyModel, pose: Pose, store: Store, number: int
     ) -> None:  # fmt: skip
@@ -19,6 +23,11 @@ class HaplyDevice(ArmDevice):
         super().__init__(name, axes, RequestExchange(self._line, codec), lambda _: model, pose, model, store)
         self._number = number
         self._calibrating = False
+
+    def home_words(self) -> str:
+        """Return the home pose in words. These arms have no usual one: theirs is a setting."""
+        a, b, _ = (degrees(angle) for angle in self.model.drive.angles(self.model.home_counts))
+        return f"first link at {a:.0f}, second at {b:.0f} degrees, as the key home_deg says"
 
     def _plan(self) -> SessionStart:
         if self._calibrating:

@@ -36,6 +36,7 @@ class HaplyModel(ArmModel):
 
     five_bar: FiveBar
     wiring: Wiring
+    takes_torques: bool = True
 
     def inside(self, position: Vector) -> bool:
         """Return True if both legs reach `position` [m]."""
