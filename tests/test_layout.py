@@ -93,6 +93,17 @@ def test_every_package_is_known_to_the_tools() -> None:
     assert set(FOLDERS) <= set(tool["mypy"]["files"])
 
 
+def test_a_package_names_modules_that_it_has() -> None:
+    """A word in backticks in a package's docstring is a module or package below it, where it is written like one."""
+    others = {"cogrip", "forcedimension_core"}  # the command, and a library of a device's maker
+    wrong = []
+    for source in sorted(ROOT.glob("*/cogrip/**/__init__.py")):
+        below = {each.stem for each in source.parent.rglob("*")}
+        named = re.findall(r"`([a-z][a-z0-9_]*)`", ast.get_docstring(ast.parse(source.read_text("utf-8"))) or "")
+        wrong += [f"{source.relative_to(ROOT)}: {name}" for name in named if name not in below | others]
+    assert not wrong
+
+
 def test_drivers_are_the_same_in_both_contracts() -> None:
     """A module that may touch a socket or a clock must also be out of reach for the cores."""
     contracts = PROJECT["tool"]["importlinter"]["contracts"]

@@ -9,7 +9,7 @@ import numpy as np
 from cogrip.client.core import ClientCore
 from cogrip.client.coupling.wave_coupling import WaveCoupling
 from cogrip.client.inputs import CloseLedger, Connect
-from cogrip.client.safety.device_port import BarePort, DevicePort
+from cogrip.client.safety.device_port import DevicePort
 from cogrip.client.seat.seated import SeatedClient
 from cogrip.devices.device import Capability, Sample
 from cogrip.devices.plausibility import Plausibility
@@ -22,6 +22,7 @@ from cogrip.protocol.wire import messages
 from cogrip.protocol.wire.accounts import ClientAccount
 from cogrip.protocol.wire.messages import PROTOCOL_VERSION, Hello, Stamp, Waves, Welcome
 from cogrip.protocol.wire.session import make_hello
+from cogrip.sim.bare_port import BarePort
 
 DEVICE_HZ, M = 1024, 8
 T_C, T_N = 1 / DEVICE_HZ, 1 / 128

@@ -7,8 +7,9 @@ import pytest
 from hypothesis import example, given
 from hypothesis import strategies as st
 
-from cogrip.client.coupling.local.fixed_shapes import KINDS, FixedShape, Vector
+from cogrip.client.coupling.local.fixed_shapes import KINDS, FixedShape
 from cogrip.client.coupling.local.proxy import Proxy, without
+from cogrip.machine.rows import Vector
 from cogrip.protocol.drawing import Shape
 from cogrip.protocol.laws.rotations import exp
 

@@ -5,7 +5,8 @@ from math import cos, pi, sin
 
 import msgspec
 
-from cogrip.view.frames import CONTACT, HAND_KNOWN, PUSHES, PersonFrame, SceneFrame, Vector, encode_chunk
+from cogrip.machine.rows import Vector
+from cogrip.view.frames import CONTACT, HAND_KNOWN, PUSHES, PersonFrame, SceneFrame, encode_chunk
 from cogrip.view.scene import DrawnObject, Geometry, Mode, PageScene, SceneEvent, ScenePerson, colour
 
 NAMES = ("anna", "ben", "chen", "dora", "emil")

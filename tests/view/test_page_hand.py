@@ -7,7 +7,8 @@ from math import hypot
 import pytest
 
 from cogrip.devices.web.messages import OwnHand, Pointer, decode_pointer, encode_own_hand
-from cogrip.view.frames import Vector, encode
+from cogrip.machine.rows import Vector
+from cogrip.view.frames import encode
 from cogrip.view.scene import to_json
 
 from tests.view.browser_page import BrowserPage, Show, Shown

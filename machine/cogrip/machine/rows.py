@@ -4,3 +4,4 @@ from collections.abc import Sequence
 
 Row = tuple[float, ...]  # one number for each axis
 Floats = Sequence[float]  # one number for each axis, in whatever holds them
+Vector = tuple[float, float, float]  # x, y, z

@@ -6,7 +6,8 @@ from typing import Annotated, Literal
 
 import msgspec
 
-Vector = tuple[float, float, float]
+from cogrip.machine.rows import Vector
+
 ShapeKind = Literal["box", "sphere", "capsule", "cylinder", "ellipsoid", "plane", "mesh", "flex", "tendon"]
 Two = Annotated[tuple[float, ...], msgspec.Meta(min_length=2, max_length=2)]
 Three = Annotated[tuple[float, ...], msgspec.Meta(min_length=3, max_length=3)]

@@ -3,7 +3,7 @@
 from collections.abc import Sequence
 from functools import lru_cache
 
-from cogrip.protocol.drawing import Vector
+from cogrip.machine.rows import Vector
 from cogrip.protocol.settings.object_kinds import kind_of
 
 FORCE_M_PER_N = 0.01  # length of a force's arrow

@@ -1,1 +1,1 @@
-"""The laboratory: whole sessions in virtual time, link emulation, run folders and reports."""
+"""The laboratory: whole sessions in virtual time, link emulation, recorded delays."""

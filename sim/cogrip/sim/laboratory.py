@@ -19,7 +19,7 @@ from typing import Literal
 from cogrip.client import inputs
 from cogrip.client.path_migration import PathMigration
 from cogrip.client.recorder import RecordedClient
-from cogrip.client.safety.device_port import BarePort, DevicePort
+from cogrip.client.safety.device_port import DevicePort
 from cogrip.client.supervised_device import SupervisedDevice
 from cogrip.devices.device import Device
 from cogrip.devices.for_user import address_of, make_for
@@ -36,6 +36,7 @@ from cogrip.server.admission import AdmissionServices
 from cogrip.server.checkpoint import RoomCheckpoint
 from cogrip.server.inputs import CloseLedger, Mark, Restore
 from cogrip.server.recorder import RecordedServer
+from cogrip.sim.bare_port import BarePort
 from cogrip.sim.link import LinkEmulator, configured_link
 
 Watch = Callable[["Laboratory"], None]

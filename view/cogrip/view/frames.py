@@ -6,7 +6,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from math import nan
 
-from cogrip.devices.web.messages import STATES, ZERO, FrameError, State, Vector, vector
+from cogrip.devices.web.messages import STATES, ZERO, FrameError, State, vector
+from cogrip.machine.rows import Vector
 from cogrip.protocol.wire.messages import Pose
 
 FRAME, CHUNK = 1, 4

@@ -5,8 +5,9 @@ from math import isnan, nan
 
 from cogrip.client.observed_scene import ObservedScene
 from cogrip.client.observer import ObserverCore
-from cogrip.devices.web.messages import ZERO, State, Vector, vector
+from cogrip.devices.web.messages import ZERO, State, vector
 from cogrip.machine.addition import add_floats
+from cogrip.machine.rows import Vector
 from cogrip.protocol.axes import PLACES
 from cogrip.protocol.drawing import Shape
 from cogrip.protocol.scene_words import as_sentence

@@ -7,7 +7,7 @@ as that person sees it at this moment.
 from collections.abc import Iterator
 from math import isfinite
 
-from cogrip.devices.web.messages import Vector
+from cogrip.machine.rows import Vector
 from cogrip.protocol.recording.scene_messages import (
     Body,
     Place,

@@ -14,8 +14,9 @@ from pathlib import Path
 
 import msgspec
 
-from cogrip.devices.web.messages import State, Vector, vector
+from cogrip.devices.web.messages import State, vector
 from cogrip.machine.addition import add_floats
+from cogrip.machine.rows import Vector
 from cogrip.protocol.axes import PLACES
 from cogrip.protocol.drawing import MOST_SHAPES
 from cogrip.protocol.foreign_file import ForeignFileError

@@ -7,7 +7,7 @@ from typing import Literal
 
 import msgspec
 
-from cogrip.devices.web.messages import Vector
+from cogrip.machine.rows import Vector
 from cogrip.protocol.drawing import Shape
 from cogrip.protocol.session_drawing import colour as colour
 from cogrip.protocol.session_drawing import object_size_m

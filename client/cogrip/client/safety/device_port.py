@@ -330,21 +330,3 @@ def cure(found: Cause, seat: SeatSettings, record: Capability) -> str:
         return f"the force sits at its limit of {most}; push less, or {lower}"
     key = coupling.traits.softer_key
     return f"the force oscillates at the hand; set coupling.{key} lower than {getattr(coupling, key):g}"
-
-
-class BarePort(DevicePort):
-    """The ledger alone, for experiments on force laws without a hand: nothing is limited, adapted or released."""
-
-    def set_record(self, capability: Capability) -> None:
-        super().set_record(capability)
-        self.carried_nspm = self._free_j = inf
-
-    @property
-    def injected_nspm(self) -> float:
-        return 0.0
-
-    def limit(self, force_n: Sequence[float]) -> Sequence[float]:
-        return force_n
-
-    def watch(self, *of_tick: object, limited: bool = False, reduced: bool = False) -> Cause:
-        return ""

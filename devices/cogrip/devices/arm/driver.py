@@ -11,13 +11,13 @@ from math import hypot, isfinite
 
 from cogrip.devices.arm.encoder_watch import EncoderWatch
 from cogrip.devices.arm.exchange import RETRY_S, Reading, RequestExchange, meet
-from cogrip.devices.arm.kinematics import Vector
 from cogrip.devices.arm.model import ArmModel, Pose
 from cogrip.devices.arm.pose import Calibration, KnownPose, OwnLosses, Store, drive_of
 from cogrip.devices.device import Capability, DeviceError, Sample
 from cogrip.devices.driver import Driver
 from cogrip.devices.way_in import into_sphere
 from cogrip.machine.addition import add_floats
+from cogrip.machine.rows import Vector
 from cogrip.protocol.laws.rotations import Quaternion
 
 HEADROOM = 0.92

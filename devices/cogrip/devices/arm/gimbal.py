@@ -10,8 +10,9 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from math import cos, pi, sin
 
-from cogrip.devices.arm.kinematics import Kinematics, Vector
+from cogrip.devices.arm.kinematics import Kinematics
 from cogrip.devices.arm.polhem import Polhem
+from cogrip.machine.rows import Vector
 from cogrip.protocol.laws.rotations import Quaternion, product
 
 

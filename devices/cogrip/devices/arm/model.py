@@ -10,10 +10,11 @@ import msgspec
 from msgspec import Meta
 
 from cogrip.devices.arm.gimbal import Gimbal
-from cogrip.devices.arm.kinematics import NO_TORQUE, Kinematics, Vector, joint_torque
+from cogrip.devices.arm.kinematics import NO_TORQUE, Kinematics, joint_torque
 from cogrip.devices.arm.motors import NO_CURRENT, CableDrive, Currents
 from cogrip.devices.device import Capability, DeviceError
 from cogrip.devices.settings import bounded
+from cogrip.machine.rows import Vector
 
 Pose = Literal["stored", "home", "none"]
 

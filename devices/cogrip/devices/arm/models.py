@@ -19,12 +19,12 @@ What the tables do not say, and how the records got it:
 from dataclasses import replace
 
 from cogrip.devices.arm.gimbal import POLHEM, POLHEM_HID, VINTAGE
-from cogrip.devices.arm.kinematics import Vector
 from cogrip.devices.arm.model import ArmModel
 from cogrip.devices.arm.motors import CableDrive
 from cogrip.devices.arm.parallel_drive import ParallelDrive, Weights
 from cogrip.devices.arm.polhem import PlanarMasses, Polhem
 from cogrip.devices.device import Capability, encoder_record
+from cogrip.machine.rows import Vector
 
 RATE_HZ = 1024
 RE30_310007_NM_PER_A = 0.0259

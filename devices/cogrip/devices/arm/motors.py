@@ -10,7 +10,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field
 from math import ceil, isfinite, pi
 
-from cogrip.devices.arm.kinematics import NO_TORQUE, Vector
+from cogrip.devices.arm.kinematics import NO_TORQUE
+from cogrip.machine.rows import Vector
 
 Currents = tuple[int, int, int]
 """Motor currents [mA], whole, as they go over a wire."""

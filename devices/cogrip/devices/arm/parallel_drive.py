@@ -11,7 +11,8 @@ Source: kinematics of haptikfabrikenapi and hfabapi. The inverse is our own: the
 from dataclasses import dataclass
 from math import acos, atan2, cos, hypot, sin
 
-from cogrip.devices.arm.kinematics import NO_TORQUE, Matrix, Vector
+from cogrip.devices.arm.kinematics import NO_TORQUE, Matrix
+from cogrip.machine.rows import Vector
 
 
 @dataclass(frozen=True, slots=True)

@@ -20,7 +20,8 @@ is clockwise of the line from B to O2; beyond, its linkage would not close, and 
 from dataclasses import dataclass
 from math import atan2, cos, hypot, pi, sin, sqrt
 
-from cogrip.devices.arm.kinematics import NO_TORQUE, Matrix, Vector
+from cogrip.devices.arm.kinematics import NO_TORQUE, Matrix
+from cogrip.machine.rows import Vector
 
 _SMALLEST_LEVER = 1e-3
 """Least lever of the rod on the forearm, as the sine of the angle between them; below it, torques have no bound."""

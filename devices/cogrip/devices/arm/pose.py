@@ -8,9 +8,9 @@ from typing import Annotated, Literal, Protocol
 import msgspec
 from msgspec import Meta
 
-from cogrip.devices.arm.kinematics import Vector
 from cogrip.devices.arm.model import ArmModel, Pose
 from cogrip.devices.device import DeviceError
+from cogrip.machine.rows import Vector
 
 
 class Calibration(msgspec.Struct, frozen=True, kw_only=True):

@@ -6,10 +6,10 @@ one input report for each output report, and the very first was filled at power-
 
 from struct import Struct
 
-from cogrip.devices.arm.kinematics import Vector
 from cogrip.devices.emulated.faults import Faults
 from cogrip.devices.emulated.firmware import Firmware
 from cogrip.devices.emulated.mechanics import Mechanics
+from cogrip.machine.rows import Vector
 
 WATCHDOG_NS = 500_000_000
 IDLE_DUTY = 0.5

@@ -8,13 +8,14 @@ import json
 from math import cos, isfinite, pi, sin
 from typing import Any
 
-from cogrip.devices.arm.kinematics import NO_TORQUE, Matrix, Vector
+from cogrip.devices.arm.kinematics import NO_TORQUE, Matrix
 from cogrip.devices.arm.model import ArmModel
 from cogrip.devices.arm.motors import CableDrive
 from cogrip.devices.emulated.faults import Faults
 from cogrip.devices.emulated.firmware import Firmware
 from cogrip.devices.emulated.mechanics import Mechanics
 from cogrip.devices.inverse.models import CENTRE_M, RECORD
+from cogrip.machine.rows import Vector
 
 IDLE_NS = 500_000_000
 VELOCITY_NS = 5_000_000  # A velocity is the mean over this time.

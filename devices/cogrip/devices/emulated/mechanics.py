@@ -5,10 +5,11 @@ The way round that no driver goes: the inverse kinematics, and its own slopes fo
 
 from collections.abc import Sequence
 
-from cogrip.devices.arm.kinematics import Matrix, Vector
+from cogrip.devices.arm.kinematics import Matrix
 from cogrip.devices.arm.model import ArmModel
 from cogrip.devices.simulated.hands import Hand
 from cogrip.devices.simulated.simulated_device import SimulatedDevice
+from cogrip.machine.rows import Vector
 
 STEP_M = 1e-5  # step of the difference quotients that give the slopes
 STEP_HZ = 4096  # rate of the body's steps

@@ -4,7 +4,6 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 
 from cogrip.devices.arm.exchange import ByteLine
-from cogrip.devices.arm.kinematics import Vector
 from cogrip.devices.arm.model import ArmModel, ArmSettings
 from cogrip.devices.arm.models import MODELS
 from cogrip.devices.arm.pose import Store
@@ -30,6 +29,7 @@ from cogrip.devices.registry import make
 from cogrip.devices.serial.frames import MODELS as SERIAL_NUMBERS
 from cogrip.devices.settings import Address, Setting, keys_of
 from cogrip.devices.simulated.simulated_device import SimulatedDevice
+from cogrip.machine.rows import Vector
 
 BODY_AXES = 3
 

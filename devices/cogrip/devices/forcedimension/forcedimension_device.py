@@ -14,12 +14,12 @@ from collections.abc import Callable, Sequence
 from ctypes import c_double
 from math import hypot, isfinite
 
-from cogrip.devices.arm.kinematics import Vector
 from cogrip.devices.device import Capability, DeviceError, Sample
 from cogrip.devices.driver import Driver
 from cogrip.devices.forcedimension.models import confirm, with_handle
 from cogrip.devices.forcedimension.sdk import BY_WATCHDOG, OFF_CAUSES, SATURATED, SUCCESS, TIME_GUARD, Sdk
 from cogrip.devices.frozen_position import FrozenPosition
+from cogrip.machine.rows import Vector
 from cogrip.protocol.axes import GRIP_AXES, PLACES, POSE_AXES
 from cogrip.protocol.laws.rotations import Quaternion, log, of_matrix
 

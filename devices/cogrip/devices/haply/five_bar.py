@@ -18,7 +18,8 @@ Source: Haply's Pantograph examples. The third joint angle is there for the shap
 from dataclasses import dataclass
 from math import acos, atan2, cos, hypot, sin, sqrt
 
-from cogrip.devices.arm.kinematics import NO_TORQUE, Matrix, Vector
+from cogrip.devices.arm.kinematics import NO_TORQUE, Matrix
+from cogrip.machine.rows import Vector
 
 FLAT = 0.02  # least sine of the angle at the tip; below it the linkage only just closes
 

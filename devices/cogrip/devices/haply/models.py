@@ -17,13 +17,13 @@ from typing import Annotated, Literal
 import msgspec
 from msgspec import Meta
 
-from cogrip.devices.arm.kinematics import Vector
 from cogrip.devices.arm.model import ArmModel, ArmSettings, Pose
 from cogrip.devices.arm.motors import CableDrive
 from cogrip.devices.device import encoder_record
 from cogrip.devices.haply.five_bar import FiveBar
 from cogrip.devices.haply.frames import STEP_NM, Wiring
 from cogrip.devices.settings import bounded
+from cogrip.machine.rows import Vector
 
 MOST_NM = 0.123  # largest torque of a motor: the firmware clamps there
 MARGIN_M = 0.001  # margin of the reach, so that a leg is never stretched or folded to the last

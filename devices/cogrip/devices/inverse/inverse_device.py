@@ -4,11 +4,11 @@ from collections.abc import Mapping, Sequence
 from math import hypot, isfinite
 
 from cogrip.devices.arm.exchange import RETRY_S, ByteLine, RequestExchange
-from cogrip.devices.arm.kinematics import Vector
 from cogrip.devices.device import Capability, DeviceError, Sample
 from cogrip.devices.driver import Driver
 from cogrip.devices.frozen_position import FrozenPosition
 from cogrip.devices.inverse.messages import InverseCodec
+from cogrip.machine.rows import Vector
 
 INVENTORY_S = 2.0  # longest wait for the service's first message
 SILENT_S = 0.04  # time after the last state update beyond which no force is asked for

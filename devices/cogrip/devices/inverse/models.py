@@ -2,9 +2,9 @@
 
 from dataclasses import replace
 
-from cogrip.devices.arm.kinematics import Vector
 from cogrip.devices.device import Capability, encoder_record
 from cogrip.devices.inverse.messages import BUTTONS
+from cogrip.machine.rows import Vector
 
 DEFAULT = ("localhost", 10001)  # host and port of the service's simulation channel
 HALF_M = (0.07, 0.11, 0.08)

@@ -15,12 +15,12 @@ from ctypes import c_double, c_int
 from functools import partial
 from typing import Any, TypeVar
 
-from cogrip.devices.arm.kinematics import Vector
 from cogrip.devices.device import DeviceError
 from cogrip.devices.io.hd_library import CALLBACK, ErrorReport, load, pop_errors
 from cogrip.devices.openhaptics.errors import FORCE_ERRORS, cure_for
 from cogrip.devices.openhaptics.mailbox import ZERO, Mailbox
 from cogrip.devices.openhaptics.models import Facts
+from cogrip.machine.rows import Vector
 
 _Answer = TypeVar("_Answer")
 

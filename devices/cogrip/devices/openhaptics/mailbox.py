@@ -9,8 +9,8 @@ from collections.abc import Sequence
 from math import isfinite
 from typing import NamedTuple
 
-from cogrip.devices.arm.kinematics import Vector
 from cogrip.devices.openhaptics.errors import FORCE_ERRORS, name_of
+from cogrip.machine.rows import Vector
 from cogrip.protocol.laws.rotations import Quaternion, of_matrix
 
 SERVO_HZ = 1000  # rate of the servo by the library itself, unless it is told another one

@@ -11,18 +11,12 @@ from msgspec.structs import replace as with_values
 
 from cogrip.devices.device import Capability, DeviceError, Gripper, Sample
 from cogrip.devices.settings import Finite, NotNegative, Positive
-from cogrip.devices.simulated.hands import (
-    DirectedHand,
-    Hand,
-    ImpedanceSettings,
-    ReachSettings,
-    Vector,
-    reach_course,
-)
+from cogrip.devices.simulated.hands import DirectedHand, Hand, ImpedanceSettings, ReachSettings, reach_course
 from cogrip.devices.simulated.ideal import ADVISED_AT_HZ
 from cogrip.devices.simulated.phantom import PhantomPlant, PhantomSettings
 from cogrip.devices.simulated.phantom import capability as phantom_record
 from cogrip.devices.simulated.simulated_device import Plant
+from cogrip.machine.rows import Row
 from cogrip.protocol.axes import GRIP_AXES, PLACES
 
 GRIP_M = (0.0, 0.03)  # opening at the end stops, closed and open
@@ -124,12 +118,12 @@ class SqueezingHand:
         self._fingers = DirectedHand(impedance, reach_course(course), (1.0,))
         self._open_m = settings.open_m
 
-    def open(self, rate_hz: int, home_m: Vector | None) -> Vector:
+    def open(self, rate_hz: int, home_m: Row | None) -> Row:
         """See `Hand.open`. A start has a place and an opening."""
         place = self._hand.open(rate_hz, home_m[:PLACES] if home_m else None)
         return place + self._fingers.open(rate_hz, (self._open_m,))
 
-    def intended(self, tick: int) -> tuple[Vector, Vector]:
+    def intended(self, tick: int) -> tuple[Row, Row]:
         """Intended place and opening [m], and their rates."""
         (place, velocity), (opening, rate) = self._hand.intended(tick), self._fingers.intended(tick)
         return place + opening, velocity + rate

@@ -19,8 +19,8 @@ import msgspec
 from msgspec import Meta
 
 from cogrip.devices.settings import Finite, NotNegative, Positive, fit_axes
+from cogrip.machine.rows import Row
 
-Vector: TypeAlias = tuple[float, ...]
 Course: TypeAlias = Callable[[float], tuple[float, float]]
 """time [s] -> displacement [m] and velocity [m/s] along a direction"""
 
@@ -36,10 +36,10 @@ class Hand(Protocol):
     def damping_nspm(self) -> float:
         """B_h [N s/m]."""
 
-    def open(self, rate_hz: int, home_m: Vector | None) -> Vector:
+    def open(self, rate_hz: int, home_m: Row | None) -> Row:
         """Begin again for ticks of 1/rate_hz around `home_m` (None: 0, or the hand's choice). Gives the start [m]."""
 
-    def intended(self, tick: int) -> tuple[Vector, Vector]:
+    def intended(self, tick: int) -> tuple[Row, Row]:
         """Intended position [m] and velocity [m/s] at `tick`."""
 
     def drive(self, tick: int) -> Sequence[float]:
@@ -102,15 +102,15 @@ class PushSettings(msgspec.Struct, frozen=True, kw_only=True):
 class DirectedHand:
     """An impedance whose intended motion runs along one direction from home."""
 
-    def __init__(self, settings: ImpedanceSettings, course: Course, direction: Vector) -> None:
+    def __init__(self, settings: ImpedanceSettings, course: Course, direction: Row) -> None:
         self.stiffness_npm = settings.hand_stiffness_npm
         self.damping_nspm = settings.hand_damping_nspm
         self._course = course
         self._direction = direction
-        self._home: Vector = (0.0,) * len(direction)
+        self._home: Row = (0.0,) * len(direction)
         self._rate_hz = 1
 
-    def open(self, rate_hz: int, home_m: Vector | None) -> Vector:
+    def open(self, rate_hz: int, home_m: Row | None) -> Row:
         """See `Hand.open`. Device and hand start at home, also where the course begins off it (tremor)."""
         self._rate_hz = rate_hz
         self._home = home_m or (0.0,) * len(self._direction)
@@ -121,7 +121,7 @@ class DirectedHand:
         """Return place [m] and speed [m/s] along the direction."""
         return self._course(tick / self._rate_hz)
 
-    def intended(self, tick: int) -> tuple[Vector, Vector]:
+    def intended(self, tick: int) -> tuple[Row, Row]:
         s, w = self._course(tick / self._rate_hz)
         position = tuple(x + d * s for x, d in zip(self._home, self._direction, strict=True))
         return position, tuple(d * w for d in self._direction)
@@ -140,17 +140,17 @@ class PushHand:
 
     def __init__(self, settings: PushSettings, axes: int) -> None:
         self._start_s = settings.start_s
-        self._zero: Vector = (0.0,) * axes
-        self.force_n: Vector = tuple(settings.force_n * d for d in fit_axes(settings.direction, axes, "direction"))
+        self._zero: Row = (0.0,) * axes
+        self.force_n: Row = tuple(settings.force_n * d for d in fit_axes(settings.direction, axes, "direction"))
         self._home = self._zero
         self._rate_hz = 1
 
-    def open(self, rate_hz: int, home_m: Vector | None) -> Vector:
+    def open(self, rate_hz: int, home_m: Row | None) -> Row:
         self._rate_hz = rate_hz
         self._home = home_m or self._zero
         return self._home
 
-    def intended(self, tick: int) -> tuple[Vector, Vector]:
+    def intended(self, tick: int) -> tuple[Row, Row]:
         """The start, at rest; nothing pulls there."""
         return self._home, self._zero
 

@@ -20,12 +20,13 @@ from msgspec import Meta
 
 from cogrip.devices.device import Capability, Rotation, Sample
 from cogrip.devices.settings import Finite, NotNegative, Positive
-from cogrip.devices.simulated.hands import Hand, ImpedanceSettings, Vector
+from cogrip.devices.simulated.hands import Hand, ImpedanceSettings
 from cogrip.devices.simulated.ideal import IdealPlant, IdealSettings
 from cogrip.devices.simulated.ideal import capability as ideal_record
 from cogrip.devices.simulated.phantom import PhantomPlant, PhantomSettings
 from cogrip.devices.simulated.phantom import capability as phantom_record
 from cogrip.devices.simulated.simulated_device import Plant
+from cogrip.machine.rows import Row
 from cogrip.protocol.axes import PLACES, POSE_AXES
 from cogrip.protocol.laws.rotations import UNTURNED, between, exp, log, product
 
@@ -106,7 +107,7 @@ class PosePlant:
         self._places = places
         self._settings = settings
         self._orientation = UNTURNED
-        self._omega: Vector = (0.0, 0.0, 0.0)
+        self._omega: Row = (0.0, 0.0, 0.0)
         self._show()
 
     def _show(self) -> None:
@@ -144,7 +145,7 @@ class PosePlant:
     def sense(self) -> Sample:
         """Return the machine's own sample of the place, with the orientation in whole counts."""
         place, count = self._places.sense(), self._settings.resolution_rad
-        turned: Vector = tuple(self.position_m[PLACES:])
+        turned: Row = tuple(self.position_m[PLACES:])
         if count:
             turned = tuple([floor(each / count + 0.5) * count for each in turned])
         velocity = None if place.velocity_mps is None else place.velocity_mps + self._omega
@@ -163,11 +164,11 @@ class UnturnedHand:
         self._hand = hand
         self.stiffness_npm, self.damping_nspm = hand.stiffness_npm, hand.damping_nspm
 
-    def open(self, rate_hz: int, home_m: Vector | None) -> Vector:
+    def open(self, rate_hz: int, home_m: Row | None) -> Row:
         """See `Hand.open`. A start has a place and a rotation vector."""
         return self._hand.open(rate_hz, home_m[:PLACES] if home_m else None) + (0.0,) * PLACES
 
-    def intended(self, tick: int) -> tuple[Vector, Vector]:
+    def intended(self, tick: int) -> tuple[Row, Row]:
         """Intended pose [m, rad] and its rates."""
         still = (0.0,) * PLACES
         place, velocity = self._hand.intended(tick)
@@ -200,10 +201,10 @@ class CrankHand:
         self.stiffness_npm, self.damping_nspm = settings.hand_stiffness_npm, settings.hand_damping_nspm
         self._settings = settings
         self._axis = "xyz".index(settings.axis)
-        self._home: Vector = (0.0,) * axes
+        self._home: Row = (0.0,) * axes
         self._rate_hz = 1
 
-    def open(self, rate_hz: int, home_m: Vector | None) -> Vector:
+    def open(self, rate_hz: int, home_m: Row | None) -> Row:
         """See `Hand.open`."""
         self._rate_hz = rate_hz
         self._home = home_m or self._home
@@ -224,7 +225,7 @@ class CrankHand:
         (up_s, up), (down_s, down) = risen_s(time_s - s.start_s), risen_s(time_s - s.stop_s)
         return s.speed_radps * (up_s - down_s), s.speed_radps * (up - down)
 
-    def intended(self, tick: int) -> tuple[Vector, Vector]:
+    def intended(self, tick: int) -> tuple[Row, Row]:
         """Intended pose [m, rad] and its rates."""
         s = self._settings
         angle, rate = self._angle(tick / self._rate_hz)

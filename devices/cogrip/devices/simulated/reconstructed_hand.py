@@ -11,8 +11,9 @@ from collections.abc import Sequence
 import numpy as np
 
 from cogrip.devices.device import DeviceError
-from cogrip.devices.simulated.hands import ImpedanceSettings, Vector
+from cogrip.devices.simulated.hands import ImpedanceSettings
 from cogrip.devices.simulated.recorded_motion import Array, capability_of, find, read_motion, split_user
+from cogrip.machine.rows import Row
 
 SMOOTH_S = 0.03
 
@@ -26,7 +27,7 @@ class ReconstructedHand:
         self._axes = axes
         self._run = run
 
-    def open(self, rate_hz: int, home_m: Vector | None) -> Vector:
+    def open(self, rate_hz: int, home_m: Row | None) -> Row:
         """See `Hand.open`; the start is the recorded one. Raises DeviceError."""
         path, user = split_user(self._run)
         recording = find(path, user)
@@ -46,7 +47,7 @@ class ReconstructedHand:
         self._last = len(self._drive) - 1
         return tuple(self._position[0].tolist())
 
-    def intended(self, tick: int) -> tuple[Vector, Vector]:
+    def intended(self, tick: int) -> tuple[Row, Row]:
         """See `Hand.intended`: the recorded motion."""
         row = min(tick, self._last - 1)
         return tuple(self._position[row].tolist()), tuple(self._velocity[row].tolist())

@@ -15,8 +15,8 @@ from numpy.typing import NDArray
 from cogrip.devices.device import DeviceError
 from cogrip.devices.settings import unknown
 from cogrip.devices.simulated.csv_table import METRES, SECONDS, CsvRows, read_table
-from cogrip.devices.simulated.hands import Vector
 from cogrip.devices.simulated.recorded_settings import RecordedSettings
+from cogrip.machine.rows import Row
 
 Array: TypeAlias = NDArray[np.float64]
 
@@ -57,7 +57,7 @@ class RecordedHand:
             if column is not None and axis >= axes:
                 raise DeviceError(f"csv hand: {'xyz'[axis]}={column!r} needs {axis + 1} axes, the device has {axes}")
 
-    def open(self, rate_hz: int, home_m: Vector | None) -> Vector:
+    def open(self, rate_hz: int, home_m: Row | None) -> Row:
         """See `Hand.open`. Reads the file; raises DeviceError as `read_recording`."""
         s = self._settings
         recording = read_recording(self._path, s, self._axes)
@@ -76,7 +76,7 @@ class RecordedHand:
         self._last = len(position) - 1
         return home_m or tuple(position[0].tolist())
 
-    def intended(self, tick: int) -> tuple[Vector, Vector]:
+    def intended(self, tick: int) -> tuple[Row, Row]:
         row = self._row(tick)
         velocity = self._velocity[row] if tick >= self._start else np.zeros(self._axes)
         return tuple(self._position[row].tolist()), tuple(velocity.tolist())

@@ -11,8 +11,9 @@ from itertools import pairwise
 
 from cogrip.devices.device import DeviceError
 from cogrip.devices.settings import Finite, NotNegative
-from cogrip.devices.simulated.hands import ImpedanceSettings, Vector
+from cogrip.devices.simulated.hands import ImpedanceSettings
 from cogrip.devices.simulated.pose import pose_drive
+from cogrip.machine.rows import Row
 from cogrip.protocol.axes import PLACES
 from cogrip.protocol.laws.rotations import between, exp
 
@@ -41,7 +42,7 @@ class WaypointHand:
             )
         courses = []
         for axis, key in enumerate(("x_m", "y_m", "z_m", "rx_rad", "ry_rad", "rz_rad")):
-            course: Vector = getattr(settings, key)
+            course: Row = getattr(settings, key)
             if course and axis >= axes:
                 raise DeviceError(f"hand=waypoints: {key} is given, but the device has {axes} axes; leave it out")
             if course and len(course) != len(times):
@@ -53,7 +54,7 @@ class WaypointHand:
         self._rate_hz = 1
         self._start_at((0.0,) * axes)
 
-    def _start_at(self, home: Vector) -> None:
+    def _start_at(self, home: Row) -> None:
         """Set the place at each time; then, for each stroke, places and strokes by axis, the strokes, and its time."""
         self._home = home
         self._at = [tuple([begin + x for begin, x in zip(home, place, strict=True)]) for place in self._places]
@@ -67,13 +68,13 @@ class WaypointHand:
             for at, step, (early, late) in zip(self._at, steps, pairwise(self._times), strict=False)
         ]
 
-    def open(self, rate_hz: int, home_m: Vector | None) -> Vector:
+    def open(self, rate_hz: int, home_m: Row | None) -> Row:
         """See `Hand.open`."""
         self._rate_hz = rate_hz
         self._start_at(home_m or (0.0,) * len(self._home))
         return self._home
 
-    def _course(self, tick: int) -> tuple[Vector, Vector]:
+    def _course(self, tick: int) -> tuple[Row, Row]:
         """Return place, or pose, and its rates."""
         now, times = tick / self._rate_hz, self._times
         after = bisect_right(times, now)
@@ -84,7 +85,7 @@ class WaypointHand:
         s, w = _stroke((now - times[after - 1]) / stroke_s, stroke_s)
         return tuple([start + s * stroke for start, stroke in pairs]), tuple([w * stroke for stroke in step])
 
-    def intended(self, tick: int) -> tuple[Vector, Vector]:
+    def intended(self, tick: int) -> tuple[Row, Row]:
         place, rates = self._course(tick)
         if len(place) > PLACES and any(rates[PLACES:]):  # rates of a rotation vector are no angular velocity
             step = between(exp(place[PLACES:]), exp(self._course(tick + 1)[0][PLACES:]))

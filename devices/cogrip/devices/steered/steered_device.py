@@ -13,8 +13,7 @@ from msgspec import Meta
 from cogrip.devices.device import DeviceError, Sample
 from cogrip.devices.web.hand import STRETCH_N, PointerSettings, lead_m
 from cogrip.devices.web.web_device import WebDevice, WebSettings
-
-Vector = tuple[float, float, float]
+from cogrip.machine.rows import Vector
 
 INPUT_ONLY = "input-only"  # model of every device that has no motors for its hand
 MOST_MPS = 0.18  # speed at which all of the hand's pull goes into its own damper

@@ -15,9 +15,9 @@ from math import sqrt
 import msgspec
 
 from cogrip.devices.settings import Positive
-from cogrip.devices.simulated.hands import Vector
 from cogrip.devices.simulated.phantom import PhantomPlant
 from cogrip.machine.addition import add_floats
+from cogrip.machine.rows import Row
 from cogrip.protocol.settings.sections import HUMAN_POWER_W
 
 BURST_S = 0.05  # time over which the hand's power fills the energy budget
@@ -76,7 +76,7 @@ class PointerHand:
         """True while the pointer holds the device."""
         return self._held
 
-    def open(self, rate_hz: int, home_m: Vector | None) -> Vector:
+    def open(self, rate_hz: int, home_m: Row | None) -> Row:
         """See `Hand.open`."""
         self._rate_hz = rate_hz
         home = home_m or (0.0,) * len(self._plant.position_m)
@@ -104,7 +104,7 @@ class PointerHand:
         self._speed_mps = [0.0] * len(at)
         self._tension = 1.0
 
-    def intended(self, tick: int) -> tuple[Vector, Vector]:
+    def intended(self, tick: int) -> tuple[Row, Row]:
         """See `Hand.intended`."""
         at, speed = self._plant.position_m, self._plant.velocity_mps
         g, follows = self._tension, 1.0 - self._grip

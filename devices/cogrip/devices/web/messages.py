@@ -6,6 +6,8 @@ from dataclasses import dataclass
 from math import isfinite, nan
 from typing import Literal
 
+from cogrip.machine.rows import Vector
+
 POINTER, OWN_HAND = 2, 3
 HOLDS = 1  # flag of a pointer message: the pointer holds the device
 BUTTONS = 16  # buttons that a pointer message tells of
@@ -13,7 +15,6 @@ MOST_POINTER_M = 10.0  # largest coordinate of a pointer
 
 State = Literal["free", "joining", "live", "degraded", "fault", "silent"]
 STATES: tuple[State, ...] = ("free", "joining", "live", "degraded", "fault", "silent")
-Vector = tuple[float, float, float]
 ZERO: Vector = (0.0, 0.0, 0.0)
 
 _POINTER = struct.Struct("<BBHI 3d")

@@ -10,8 +10,9 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-from cogrip.devices.simulated.hands import Hand, Vector
+from cogrip.devices.simulated.hands import Hand
 from cogrip.devices.simulated.simulated_device import SimulatedDevice
+from cogrip.machine.rows import Row
 
 FADE_S = 0.5
 
@@ -23,18 +24,18 @@ class RestingHand:
         self.stiffness_npm = hand.stiffness_npm
         self.damping_nspm = hand.damping_nspm
         self._hand = hand
-        self._home: Vector = tuple(home_m)
+        self._home: Row = tuple(home_m)
         self._base = tuple(self.stiffness_npm * place for place in home_m)
-        self._still: Vector = (0.0,) * len(self._home)
+        self._still: Row = (0.0,) * len(self._home)
         self._first = round(rest_s * rate_hz)
         self._fade = max(1, round(FADE_S * rate_hz))
         self._rate_hz = rate_hz
 
-    def open(self, rate_hz: int, home_m: Vector | None) -> Vector:
+    def open(self, rate_hz: int, home_m: Row | None) -> Row:
         """See `Hand.open`. It is open: asked again it begins where it did."""
         return self._home
 
-    def intended(self, tick: int) -> tuple[Vector, Vector]:
+    def intended(self, tick: int) -> tuple[Row, Row]:
         """See `Hand.intended`."""
         if tick < self._first:
             return self._hand.intended(tick)
@@ -69,7 +70,7 @@ class RestingHand:
         return 1.0 - zz * z * (10.0 + z * (6.0 * z - 15.0)), -30.0 * zz * (1.0 - z) ** 2 * self._rate_hz / self._fade
 
 
-def let_rest(device: object, rate_hz: int, rest_s: float) -> Vector:
+def let_rest(device: object, rate_hz: int, rest_s: float) -> Row:
     """Make the hand of an opened simulated device rest from `rest_s` on, and return its home [m].
 
     Raises TypeError for any other device.

@@ -1,4 +1,4 @@
-"""The measures of a session in a comparison, with units and formulas. Shapes and symbols are those of `trace.Trace`.
+"""The measures of a session in a comparison, with units and formulas. Shapes and symbols are those of `SessionTrace`.
 
 All are read alike for every method: from forces on hands, positions of hands and object, and the object's position as
 reported to each person. Only `margin_mj` (the least margin of a method's wave lines) and `leak_mj` (energy that the devices'

@@ -6,7 +6,8 @@ A rotation vector r turns about r / |r| by |r|; of a quaternion it is the shorte
 from collections.abc import Sequence
 from math import atan2, cos, sin, sqrt
 
-Vector = tuple[float, float, float]
+from cogrip.machine.rows import Vector
+
 Quaternion = tuple[float, float, float, float]
 UNTURNED: Quaternion = (1.0, 0.0, 0.0, 0.0)
 _SMALL = 1e-8  # angle [rad] below which sin(a) is a to the last bit

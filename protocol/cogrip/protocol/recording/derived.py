@@ -11,7 +11,7 @@ from math import isfinite, nan
 
 import msgspec
 
-from cogrip.protocol.drawing import Vector
+from cogrip.machine.rows import Vector
 from cogrip.protocol.recording.header import Header
 from cogrip.protocol.recording.records import Geoms, Poses, Row, SeatStep, Step, kind_of
 from cogrip.protocol.recording.scene_messages import (

@@ -13,7 +13,8 @@ import msgspec
 from msgspec import inspect
 
 from cogrip.machine.addition import add_floats
-from cogrip.protocol.drawing import Shape, Vector
+from cogrip.machine.rows import Vector
+from cogrip.protocol.drawing import Shape
 from cogrip.protocol.session_drawing import FORCE_M_PER_N, HAND_SIZE_M, LEAST_DRAWN_N, OBJECT_COLOUR, colour
 
 SCENE_UPDATE, FRAME_TRANSFORMS = "foxglove.SceneUpdate", "foxglove.FrameTransforms"

@@ -1,4 +1,7 @@
-"""Sections of a settings file: types, bounds and defaults of every key (docs/settings.md). Units are in the names."""
+"""Sections of a settings file (docs/settings.md). Units are in the names.
+
+Those of `[coupling]`, `[link]` and effects have modules of their own, and bounds that several have are in `types`.
+"""
 
 from collections.abc import Mapping
 from typing import Annotated, Literal

@@ -12,8 +12,9 @@ from collections.abc import Iterable, Sequence
 import numpy as np
 from numpy.typing import NDArray
 
+from cogrip.machine.rows import Vector
 from cogrip.protocol.axes import PLACES
-from cogrip.protocol.laws.rotations import Quaternion, Vector, between, exp, product
+from cogrip.protocol.laws.rotations import Quaternion, between, exp, product
 
 Array = NDArray[np.float64]
 

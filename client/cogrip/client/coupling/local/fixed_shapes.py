@@ -7,10 +7,10 @@ n unit normal, outwards, of the surface nearest to q. A convex shape lies on one
 from collections.abc import Callable, Sequence
 from math import copysign, hypot, sqrt
 
+from cogrip.machine.rows import Vector
 from cogrip.protocol.drawing import Shape, ShapeKind
 from cogrip.protocol.laws.rotations import turned
 
-Vector = tuple[float, float, float]
 Nearest = tuple[float, Vector]
 """Distance from the surface [m], and n."""
 ALONG_Z: Vector = (0.0, 0.0, 1.0)

@@ -14,10 +14,10 @@ as well: a line that presses the hand onto it would else throw it back at once, 
 from collections.abc import Sequence
 from math import sqrt
 
-from cogrip.client.coupling.local.fixed_shapes import KINDS, FixedShape, Vector
+from cogrip.client.coupling.local.fixed_shapes import KINDS, FixedShape
 from cogrip.client.coupling.local.local_contact import Contact, LocalCoupling
 from cogrip.client.coupling.local.proxy import Ball, Proxy, without
-from cogrip.machine.rows import Row
+from cogrip.machine.rows import Row, Vector
 from cogrip.protocol.axes import PLACES
 from cogrip.protocol.drawing import MOST_LOCAL, MOST_PAIRS, Shape
 from cogrip.protocol.settings.seat import SeatSettings

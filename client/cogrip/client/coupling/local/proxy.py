@@ -13,8 +13,9 @@ from collections.abc import Sequence
 from itertools import combinations
 from math import dist, hypot, inf, sqrt
 
-from cogrip.client.coupling.local.fixed_shapes import FixedShape, Vector
+from cogrip.client.coupling.local.fixed_shapes import FixedShape
 from cogrip.machine.addition import add_floats
+from cogrip.machine.rows import Vector
 
 ROUNDS = 12  # most rounds in which the planes that hold the proxy are sought
 TOUCHING_M = 1e-9  # largest depth behind a plane that counts as none
