@@ -65,7 +65,11 @@ def test_ours_has_to_hold(config: Path, cogrip: Cogrip) -> None:
     pushes = ["--hands", "push&force_n=8", "--hands", "push&force_n=8"]
     command = ["compare", config, "--methods", "wave", "--profiles", "clean", "--seeds", "1", "--workers", "1", *pushes]
     command += ["--set", "users.0.device=sim:ideal", "--set", "users.1.device=sim:ideal"]
-    assert "diverged 1/1 at" in cogrip.out(*command, code=1)
+    out, err = cogrip.texts(*command, code=1)
+    assert "diverged 1/1 at" in out
+    assert "cogrip's own method failed: wave on clean diverged" in err
+    command[command.index("wave")] = "coupling"
+    assert "diverged 1/1 at" in cogrip.out(*command), "that of a baseline is a result"
 
 
 @pytest.mark.usefixtures("no_probes")

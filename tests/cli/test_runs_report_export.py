@@ -76,7 +76,17 @@ def test_runs_are_listed_newest_first_with_a_line_each(base, cogrip, monkeypatch
 
 def test_a_folder_that_is_no_session_is_listed_as_what_it_is(runs, capsys):
     """A comparison of methods, a sweep, a what-if beside what it is compared with, a replay: none is a session that failed."""
-    rows = [{"method": "wave", "diverged": 0, "oscillates": 0, "not_passive": 0, "failed": 0}]
+    rows = [
+        {
+            "method": "partner",
+            "network": "wan",
+            "ours": True,
+            "diverged": 0,
+            "oscillates": 0,
+            "not_passive": 0,
+            "failed": 0,
+        }
+    ]
     summary = {"sessions": 8, "run": 8, "asked": {"settings": SETTINGS}, "rows": rows}
 
     def left(name: str, **files: str) -> Path:
@@ -109,10 +119,15 @@ def test_a_folder_that_is_no_session_is_listed_as_what_it_is(runs, capsys):
     assert found[compared.name].people == ("anna", "ben")
     assert found[compared.name].seconds == 1.0
     rows[0]["diverged"] = 1
-    strange = {"{}": "unreadable", '{"sessions": 1, "run": 1, "rows": 5}': "unreadable"}
-    for text, brief in {json.dumps(summary): "wave failed", **strange}.items():
+    unsaid = json.dumps({**summary, "rows": [{key: value for key, value in rows[0].items() if key != "ours"}]})
+    strange = {"{}": "unreadable", '{"sessions": 1, "run": 1, "rows": 5}': "unreadable", unsaid: "unreadable"}
+    for text, brief in {json.dumps(summary): "partner failed", **strange}.items():
         (compared / "summary.json").write_text(text)
         assert listed(runs)[compared.name].brief == brief
+        assert listed(runs)[compared.name].tone == "bad"
+    rows[0]["ours"] = False
+    (compared / "summary.json").write_text(json.dumps(summary))
+    assert listed(runs)[compared.name].tone == "good", "that a baseline diverges is a result"
 
 
 def test_runs_as_json(base, cogrip):

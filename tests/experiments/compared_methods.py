@@ -6,6 +6,7 @@ from pathlib import Path
 from typing import Any
 
 from cogrip.experiments.experiment import Measure, Result, run_case
+from cogrip.experiments.methods.method import METHODS
 from cogrip.experiments.methods.query import ComparisonQuery, prepare
 from cogrip.experiments.methods.table import TABLE
 from cogrip.protocol.settings.room import resolve
@@ -44,6 +45,8 @@ def row_of(network: str = "wan", method: str = "wave", **changes: Any) -> dict[s
     """Return a row of the table of results: twenty stable sessions."""
     numbers = {column.measure: {"median": 1.0, "q1": 1.0, "q3": 1.0, "worst": 2.0, "n": 5, "of": 5} for column in TABLE}
     counts = dict.fromkeys(("failed", "diverged", "oscillates", "not_passive", "not_felt"), 0)
-    known = {"network": network, "method": method, "runs": 20, "errors": {}, "diverged_s": None, "felt": [],
-             "credit_mj": 1.0}  # fmt: skip
+    known = {
+        "network": network, "method": method, "ours": METHODS[method].ours, "runs": 20, "errors": {}, "diverged_s": None,
+        "felt": [], "credit_mj": 1.0,
+    }  # fmt: skip
     return {**known, **counts, **numbers, **changes}

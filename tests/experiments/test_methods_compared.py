@@ -11,6 +11,7 @@ import pytest
 from cogrip.experiments.experiment import Measure, Result
 from cogrip.experiments.folder import CELLS, TABLE, ExperimentFolder, FolderError
 from cogrip.experiments.methods.measures import COLUMNS
+from cogrip.experiments.methods.method import METHODS, methods_of
 from cogrip.experiments.methods.query import prepare
 from cogrip.experiments.methods.report import LATEX, MARKDOWN, PEOPLE, PLOTS, REPORT, render, write_outcome
 from cogrip.experiments.methods.table import TABLE as COLUMNS_SHOWN
@@ -19,8 +20,8 @@ from cogrip.experiments.runner import run_experiment
 from cogrip.experiments.worker_pool import LocalWorkers
 from cogrip.machine.stop import Stop
 from cogrip.protocol.settings.room import resolve
-from cogrip.results.listing.compared_methods import ours_failed
 from cogrip.results.reading.folder import SUMMARY
+from cogrip.results.verdict.compared_methods import failed_methods, failed_of_ours, failure_sentence
 
 from tests.experiments.compared_methods import TWO, InProcess, row_of, rows_of, small
 from tests.sim.session_measures import allowed
@@ -173,8 +174,34 @@ def test_verdicts_in_words(changes: dict[str, Any], words: str, bad: bool, marke
     assert verdict(row) == words
     assert unstable(row) == bad
     assert tone(row) == marked
-    assert ours_failed({"rows": [row_of(), row]}) == (marked == "bad")
-    assert not ours_failed({"rows": [row_of(), {**row, "method": "coupling"}]}), "that is a result"
+    assert failed_of_ours({"rows": [row_of(), row]}) == [row] * (marked == "bad")
+
+
+def test_whose_failure_fails_a_comparison() -> None:
+    """By what they are: cogrip's own are those that are documented to stay stable and passive on any network."""
+    assert {name for name, method in METHODS.items() if method.ours} == {"wave", "tuned", "local", "partner"}
+    for name, method in METHODS.items():
+        assert method.ours == method.title.startswith("cogrip's ")
+        for key in ("diverged", "oscillates", "not_passive"):
+            rows = [row_of(), row_of(method=name, **{key: 1}), row_of(method=name, not_felt=1, failed=1)]
+            assert failed_of_ours({"rows": rows}) == [rows[1]] * method.ours
+
+
+def test_the_sentence_names_what_failed() -> None:
+    partner, lte = row_of(method="partner", diverged=2), row_of("lte", "partner", not_passive=1)
+    assert failure_sentence([partner]) == "partner on wan diverged"
+    assert failure_sentence([partner, lte]) == "partner on wan, partner on lte diverged or was not passive"
+    assert failed_methods([partner, lte]) == "partner"
+    assert failed_methods([row_of(oscillates=1), partner]) == "wave, partner"
+
+
+def test_gathered_rows_say_whose_method_they_are_of() -> None:
+    said = {}
+    for kind in ("cube", "wall"):
+        settings = resolve({**TWO, "object": {"kind": kind}})
+        asked = prepare(settings, methods_of(settings), ("wifi",), 1)
+        said |= {row["method"]: row["ours"] for row in gather(asked, {})["rows"]}
+    assert said == {name: method.ours for name, method in METHODS.items()}
 
 
 @pytest.mark.parametrize(

@@ -34,8 +34,8 @@ from cogrip.experiments.runner import run_experiment
 from cogrip.experiments.worker_pool import LocalWorkers
 from cogrip.machine.stop import Stop, on_signals
 from cogrip.protocol.settings.sections import Settings
-from cogrip.results.listing.compared_methods import ours_failed
 from cogrip.results.reading.folder import finite
+from cogrip.results.verdict.compared_methods import failed_of_ours, failure_sentence
 
 SEEDS = 20
 _PIPED_WIDTH = 160
@@ -65,7 +65,8 @@ def compare(
     forces.
 
     The same command with --out continues where the last one ended. Exit code 0 once it has run, whatever the other methods
-    do; 1 if `wave` or `tuned` diverged, oscillated or was not passive, or if a session could not be run; 130 if interrupted.
+    do; 1 if one of cogrip's own (wave, tuned, local, partner) diverged, oscillated or was not passive, or if a session could
+    not be run; 130 if interrupted.
 
     Parameters
     ----------
@@ -148,7 +149,7 @@ def _names(text: str) -> list[str]:
 
 
 def _write(asked: ComparisonQuery, folder: ExperimentFolder, json: str | None, console: Console) -> bool:
-    """Write files, table, answer. Return whether a session could not be run, or ours was not passive."""
+    """Write files, table, answer. Return whether a session could not be run, or a method of ours failed."""
     with console.status("writing the report"):
         from cogrip.experiments.methods.report import REPORT, write_outcome
 
@@ -159,10 +160,12 @@ def _write(asked: ComparisonQuery, folder: ExperimentFolder, json: str | None, c
         make_console(piped_width=_PIPED_WIDTH).print(methods_table(summary))
     where = console if json == "-" else make_console(soft_wrap=True)
     where.print(f"report: {folder.path / REPORT}")
-    return bool(_failed(summary, console)) or ours_failed(summary)
+    if failed := failed_of_ours(summary):
+        console.print(f"cogrip's own method failed: {failure_sentence(failed)}")
+    return bool(_not_run(summary, console)) or bool(failed)
 
 
-def _failed(summary: Mapping[str, Any], console: Console) -> int:
+def _not_run(summary: Mapping[str, Any], console: Console) -> int:
     count = 0
     for row in summary["rows"]:
         count += row["failed"]

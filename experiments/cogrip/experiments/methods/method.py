@@ -28,9 +28,16 @@ class ChoiceError(ValueError):
 
 @dataclass(frozen=True, slots=True)
 class Method:
-    """A coupling scheme: its title in words, and its overrides of settings by their path."""
+    """A coupling scheme that is compared.
+
+    title      in words
+    ours       cogrip's own, which is to stay stable and passive: a comparison in which it does not has failed. Else a baseline,
+               whose failure is a result
+    overrides  settings by their path
+    """
 
     title: str
+    ours: bool
     overrides: Mapping[str, Any]
 
 
@@ -47,9 +54,10 @@ _WAVE: Mapping[str, Any] = {
     "playout.frames": "auto",
 }
 METHODS: Mapping[str, Method] = {
-    "wave": Method("cogrip's waves", _WAVE),
+    "wave": Method("cogrip's waves", True, _WAVE),
     "tuned": Method(
         "cogrip's waves, tuned",
+        True,
         {
             **_WAVE,
             "coupling.impedance_nspm": "auto",
@@ -60,10 +68,12 @@ METHODS: Mapping[str, Method] = {
     ),
     "local": Method(
         "cogrip's local contact",
+        True,
         {"coupling.kind": "local", "coupling.server_step": "passive", "playout.frames": "auto"},
     ),
     "paper": Method(
         "the paper's waves",  # over the same line: what differs is P's own filter, encoder and server step
+        False,
         {
             "coupling.kind": "wave",
             "coupling.server_step": "paper",
@@ -73,9 +83,11 @@ METHODS: Mapping[str, Method] = {
             "playout.frames": "auto",
         },
     ),
-    "coupling": Method("virtual coupling", {"coupling.kind": "coupling", "coupling.server_step": "passive"}),
-    "tdpa": Method("time-domain passivity", {"coupling.kind": "tdpa", "coupling.server_step": "passive"}),
-    "partner": Method("cogrip's models of partners", {"coupling.kind": "partner", "coupling.server_step": "passive"}),
+    "coupling": Method("virtual coupling", False, {"coupling.kind": "coupling", "coupling.server_step": "passive"}),
+    "tdpa": Method("time-domain passivity", False, {"coupling.kind": "tdpa", "coupling.server_step": "passive"}),
+    "partner": Method(
+        "cogrip's models of partners", True, {"coupling.kind": "partner", "coupling.server_step": "passive"}
+    ),
 }
 NETWORKS: tuple[str, ...] = tuple(PROFILES)
 

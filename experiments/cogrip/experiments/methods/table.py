@@ -80,7 +80,9 @@ def gather(asked: ComparisonQuery, results: Mapping[int, Result]) -> dict[str, A
         for method in asked.methods:
             wanted = {"network": network, "method": method}
             found = [result for case, result in sorted(results.items()) if wanted.items() <= asked.values(case).items()]
-            rows.append({**wanted, "credit_mj": credit_mj(asked.base, method), **_gathered(found)})
+            rows.append(
+                {**wanted, "ours": METHODS[method].ours, "credit_mj": credit_mj(asked.base, method), **_gathered(found)}
+            )
     return {
         "name": asked.base["name"],
         "sessions": asked.cases,

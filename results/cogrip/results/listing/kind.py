@@ -7,9 +7,9 @@ from typing import Any, Literal, NamedTuple
 
 from cogrip.machine.addition import add_integers
 from cogrip.protocol.recording.header import Header
-from cogrip.results.listing.compared_methods import ours_failed
 from cogrip.results.reading.folder import SUMMARY
 from cogrip.results.reading.summary_values import Summary, is_number, people
+from cogrip.results.verdict.compared_methods import failed_methods, failed_of_ours, failure_sentence
 from cogrip.results.verdict.judgement import Tone
 
 Kind = Literal["session", "lab", "replay", "what-if", "comparison"]
@@ -54,7 +54,7 @@ def _device(start: str) -> str:
 
 
 def comparison_words(folder: Path, summary: Summary) -> Iterator[Word]:
-    """Yield how far it has come, and whether cogrip's own method held in it."""
+    """Yield how far it has come, and whether cogrip's own methods held in it."""
     done, total = summary.get("run"), summary.get("sessions")
     if done is None or total is None or not (is_number(done) and is_number(total)):
         cells = _lines(folder / _CELLS)
@@ -68,14 +68,15 @@ def comparison_words(folder: Path, summary: Summary) -> Iterator[Word]:
     if done < total:
         yield Word("warn", f"{done} of {total} sessions were run", f"{done}/{total} run")
     try:
-        failed, not_run = ours_failed(summary), add_integers(row["failed"] for row in summary["rows"])
+        failed, not_run = failed_of_ours(summary), add_integers(row["failed"] for row in summary["rows"])
     except (KeyError, TypeError):
-        yield Word("bad", f"{SUMMARY} holds no comparison", "unreadable")
+        text = f"{SUMMARY} holds no comparison that can be judged; `cogrip compare` with --out writes it again"
+        yield Word("bad", text, "unreadable")
         return
     if not_run:
         yield Word("warn", f"{not_run} sessions could not be run", f"{not_run} not run")
     if failed:
-        yield Word("bad", "the method wave diverged, oscillated or was not passive", "wave failed")
+        yield Word("bad", failure_sentence(failed), f"{failed_methods(failed)} failed")
     yield Word("good", f"{done} sessions compared", f"{done} sessions")
 
 
