@@ -3,7 +3,7 @@
 import tempfile
 from collections.abc import Sequence
 from pathlib import Path
-from typing import ClassVar
+from typing import ClassVar, assert_never
 
 from cogrip.client.recorder import RecordedClient
 from cogrip.protocol.line.sender import LineSender
@@ -11,8 +11,9 @@ from cogrip.protocol.recording.header import Header, versions_here
 from cogrip.protocol.recording.reader import open_recording
 from cogrip.protocol.recording.records import Gap, kind_of
 from cogrip.protocol.recording.sink import HeldSink, encode
+from cogrip.protocol.settings.coupling_kinds import COUPLING_KINDS, Kind
 from cogrip.protocol.wire import messages
-from cogrip.protocol.wire.messages import Heartbeat, Power, Stamp, State, Waves
+from cogrip.protocol.wire.messages import Frame, Heartbeat, Intent, Partner, Power, Stamp, State, Waves
 from cogrip.results.replay.verify import ReplayVerdict, verify
 from cogrip.server.recorder import RecordedServer
 
@@ -141,14 +142,25 @@ def well_formed(session: int, number: int, row: Row, value: float) -> dict[str, 
     return {kind: messages.encode(message) for kind, message in made.items()}
 
 
-def next_frame(line: LineSender, session: int, row: Row, stamp: Stamp, kind: str) -> bytes:
-    """The next frame of a line, as a coupling of that kind carries it."""
+def next_frame(line: LineSender, session: int, row: Row, stamp: Stamp, kind: Kind, up: bool) -> bytes:
+    """The next frame of a line up or down, as a coupling of that kind carries it: with another person's intention where it
+    has models, and up with the proxy where the client renders contact."""
     line.push(row)
     first, waves, total, squares = line.contents()
     place = tuple(each * 0.01 for each in row)
-    if kind == "tdpa":
-        power = tuple(each * each for each in row)
-        return messages.encode(Power(session, line.next_number - 1, place, place, row, power, power, 0.0, 0, stamp))
-    if kind == "coupling":
-        return messages.encode(State(session, line.next_number - 1, place, place, 0.0, 0, stamp))
-    return messages.encode(Waves(session, first, waves, total, squares, 0.0, 0.0, 0, stamp, place + place))
+    proxy = place if up and COUPLING_KINDS[kind].local else ()
+    number, power = line.next_number - 1, tuple(each * each for each in row)
+    frame: Frame
+    match COUPLING_KINDS[kind].frame:
+        case "Waves":
+            frame = Waves(session, first, waves, total, squares, 0.0, 0.0, 0, stamp, place + place + proxy)
+        case "State":
+            frame = State(session, number, place, place, 0.0, 0, stamp)
+        case "Power":
+            frame = Power(session, number, place, place, row, power, power, 0.0, 0, stamp)
+        case "Partner":
+            intent = Intent(1, 0, place, row, 100.0, number * 1e-6)
+            frame = Partner(session, number, place, row, (intent,), 0, stamp)
+        case other:
+            assert_never(other)
+    return messages.encode(frame)

@@ -62,7 +62,7 @@ class Person(RecordedEnd):
     def frame(self, value: float) -> bytes:
         """The next frame of the line down."""
         stamp = Stamp(self.now_ns + 1, max(0, self.now_ns - 5_000_000), 1_000_000)
-        return next_frame(self.line, self.session, (value,) * self.axes, stamp, self.settings.coupling.kind)
+        return next_frame(self.line, self.session, (value,) * self.axes, stamp, self.settings.coupling.kind, up=False)
 
     def word(self, kind: str, number: int, value: float) -> bytes:
         """Return a datagram as it may arrive. number: which one of that kind."""

@@ -26,6 +26,7 @@ from cogrip.client.safety.force_limits import SOFT_SLOPE_NPS
 from cogrip.client.safety.oscillation import REVERSALS, TRAIN
 
 from tests.client.seated_client import DEVICE_HZ, T_C, T_N, Client, M, at_ns, capability
+from tests.kinds import schemes_of
 
 RECORD = replace(capability(3, speed_mps=2.0), peak_force_n=8.0, slew_nps=500.0)
 STEP_M = RECORD.speed_mps * T_C
@@ -261,7 +262,7 @@ def test_oscillation_lets_go_and_is_a_fault_where_it_persists(tried: DevicePort)
     assert not tried.persists
 
 
-kinds = st.sampled_from(["wave", "coupling", "tdpa"])
+kinds = st.sampled_from(schemes_of("cube"))
 
 
 @given(kinds, st.integers(1, 3), st.integers(0, 2**32 - 1), st.floats(0.0, 1.9), st.floats(0.0, 30.0))

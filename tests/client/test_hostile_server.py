@@ -12,12 +12,14 @@ from cogrip.devices.device import MOST_SLOPE_NPS
 from cogrip.devices.registry import make
 from cogrip.machine.tick_count import TickCount
 from cogrip.protocol.line.sender import LineSender
+from cogrip.protocol.settings.coupling_kinds import Kind
 from cogrip.protocol.settings.rates import LEAST_DEVICE_HZ, Rates, due_ns
 from cogrip.protocol.wire import messages
-from cogrip.protocol.wire.messages import Leave, Power, Stamp, State
+from cogrip.protocol.wire.messages import Intent, Leave, Partner, Power, Stamp, State
 
 from tests.client.seated_client import hello, next_waves, seat, welcome
 from tests.extent import every, long
+from tests.kinds import SCHEMES, object_of
 
 SESSION = 7
 SWING = "sine&amplitude_m=0.05&frequency_hz=2"
@@ -27,10 +29,19 @@ class Hostile:
     """Its own welcome and frames in front of a true client on a simulated Phantom."""
 
     def __init__(
-        self, device_hz: int = 1024, network_hz: int = 128, hand: str = "hold", axes: int = 1, **tables: object
+        self,
+        device_hz: int = 1024,
+        network_hz: int = 128,
+        hand: str = "hold",
+        axes: int = 1,
+        kind: Kind = "wave",
+        **tables: object,
     ) -> None:
         """device_hz, network_hz: as no valid settings need have them."""
-        self.axes, self.seat = axes, seat(object={"axes": axes}, **tables)
+        self.axes, self.seat = (
+            axes,
+            seat(object={"axes": axes, "kind": object_of(kind)}, coupling={"kind": kind}, **tables),
+        )
         self.device = make(f"sim:phantom?hand={hand}", axes=axes)
         self.core = ClientCore(hello(axes=axes, rate_hz=8192.0), self.device.capability)
         self.line = LineSender(axes, 8)
@@ -41,27 +52,28 @@ class Hostile:
     def frame(self, number: int, value: float, now_ns: int) -> bytes:
         values, still, stamp = (value,) * self.axes, (0.0,) * self.axes, Stamp(now_ns + 1)
         message: messages.AnyMessage
-        match self.seat.coupling.kind:
-            case "wave":
+        match self.seat.coupling.traits.frame:
+            case "Waves":
                 message = next_waves(self.line, *values, session=SESSION, sent_ns=now_ns + 1)
-            case "coupling":
+            case "State":
                 message = State(SESSION, number, (value * 1e-2,) * self.axes, still, 0.0, 0, stamp)
-            case _:
+            case "Partner":
+                far = (value * 1e-2,) * self.axes
+                message = Partner(SESSION, number, far, still, (Intent(1, 0, far, still, 1e4, 0.0),), 0, stamp)
+            case "Power":
                 much = (1e4 * (number + 1),) * self.axes
                 message = Power(SESSION, number, still, still, values, much, still, 0.0, 0, stamp)
         return messages.encode(message)
 
 
 @pytest.mark.parametrize(("device_hz", "network_hz"), [(250, 125), (1024, 128), long(8192, 128)])
-@pytest.mark.parametrize(
-    ("kind", "hand", "axes"), every(3, product(("wave", "coupling", "tdpa"), ("hold", SWING), (1, 3)))
-)
+@pytest.mark.parametrize(("kind", "hand", "axes"), every(3, product(SCHEMES, ("hold", SWING), (1, 3))))
 def test_no_step_is_larger_than_the_slope_whatever_a_server_sends(
-    hand: str, kind: str, axes: int, device_hz: int, network_hz: int
+    hand: str, kind: Kind, axes: int, device_hz: int, network_hz: int
 ) -> None:
     """Frames of 9000 with another sign each time, for two seconds; then calm ones, and the re-armed hand once more."""
     rates = {"device_hz": device_hz, "network_hz": network_hz}
-    server = Hostile(device_hz, network_hz, hand, axes, coupling={"kind": kind}, rates=rates)
+    server = Hostile(device_hz, network_hz, hand, axes, kind, rates=rates)
     core, device = server.core, server.device
     device.open(device_hz)
     per_frame, last, largest_n, largest_step_n = device_hz // network_hz, (0.0,) * axes, 0.0, 0.0

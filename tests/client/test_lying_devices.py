@@ -8,14 +8,18 @@ from types import SimpleNamespace
 import pytest
 
 from cogrip.devices.device import Sample
+from cogrip.protocol.settings.coupling_kinds import Kind
 from cogrip.protocol.settings.room import resolve
 from cogrip.sim.laboratory import Laboratory
 
 from tests.extent import every
+from tests.kinds import schemes_of
 
 RATE_HZ = 1024
 BEGIN = 700  # tick at which anna's device begins to lie
 AT_ONCE_S = 0.05
+HELD = schemes_of("cube")
+"""Coupling schemes in which the hand is held wherever it is: in contact alone a jump may leave no force to end."""
 HANDS = {"anna": "reach&amplitude_m=0.03&delay_s=0.3&stroke_s=0.6", "ben": "hold"}
 Lie = Callable[[int, Sample], Sample]
 Report = Callable[[Sequence[float]], Sequence[float] | None]
@@ -25,12 +29,19 @@ class Session:
     """Anna, whose driver lies from tick BEGIN on, of samples or of forces; ben, with a device of the same model."""
 
     def __init__(
-        self, kind: str, model: str, lie: Lie | None = None, report: Report | None = None, seconds: float = 1.0
+        self, kind: Kind, model: str, lie: Lie | None = None, report: Report | None = None, seconds: float = 1.0
     ) -> None:
         users = [{"name": name, "device": model, "hand": hand} for name, hand in HANDS.items()]
         coupling = {"kind": kind, "stiffness_npm": 300.0}
         self.laboratory = Laboratory(
-            resolve({"seconds": seconds, "object": {"axes": 1}, "coupling": coupling, "users": users})
+            resolve(
+                {
+                    "seconds": seconds,
+                    "object": {"axes": 1},
+                    "coupling": coupling,
+                    "users": users,
+                }
+            )
         )
         self.anna = self.laboratory.people[0]
         self.safety, self.supervised = self.anna.core.safety, self.anna.supervised
@@ -80,10 +91,8 @@ def moved_by(by_m: float, every_tick: int = 1) -> Lie:
 MODELS = ("sim:phantom", "sim:ideal")  # the second gives velocity
 
 
-@pytest.mark.parametrize(
-    ("jump_m", "model", "kind"), every(4, product((0.03, -0.005), MODELS, ("wave", "coupling", "tdpa")))
-)
-def test_a_position_that_jumps_and_stays(kind: str, model: str, jump_m: float) -> None:
+@pytest.mark.parametrize(("jump_m", "model", "kind"), every(4, product((0.03, -0.005), MODELS, HELD)))
+def test_a_position_that_jumps_and_stays(kind: Kind, model: str, jump_m: float) -> None:
     session = Session(kind, model, moved_by(jump_m))
     work_j: list[float] = []
     session.run(lambda laboratory: work_j.append(session.anna.core.ledger.work_j))
@@ -92,8 +101,8 @@ def test_a_position_that_jumps_and_stays(kind: str, model: str, jump_m: float) -
     assert abs(work_j[BEGIN + 30] - work_j[BEGIN - 1]) < 2e-3, "no hand has worked over the jump"
 
 
-@pytest.mark.parametrize("kind", ["wave", "coupling", "tdpa"])
-def test_re_arming_after_a_jump_is_no_kick(kind: str) -> None:
+@pytest.mark.parametrize("kind", HELD)
+def test_re_arming_after_a_jump_is_no_kick(kind: Kind) -> None:
     """The new place is the reference. Before, virtual coupling pulled with 300 N/m over 30 mm."""
     session = Session(kind, "sim:phantom", moved_by(0.03), seconds=1.8)
 

@@ -19,6 +19,7 @@ from cogrip.protocol.wire import messages
 from cogrip.protocol.wire.messages import Hello, Welcome
 
 from tests.client.recorded_person import SCRIPT, TICKET, TOKEN, Person, Word, capability, outages
+from tests.kinds import SCHEMES, objects_of
 from tests.recorded_end import nothing_is_judged_after_a_gap, the_beginning_is_exact
 
 FINITE = st.floats(-0.1, 0.1)
@@ -53,8 +54,7 @@ WORLDS: list[dict[str, dict[str, Any]]] = [
     {},
     {"coupling": {"decimator": "lowpass", "encoder": "velocity", "server_step": "paper"}},
     {"coupling": {"decimator": "none"}, "object": {"kind": "wall"}},
-    {"coupling": {"kind": "coupling"}},
-    {"coupling": {"kind": "tdpa"}},
+    *({"coupling": {"kind": scheme}, "object": {"kind": thing}} for scheme in SCHEMES for thing in objects_of(scheme)),
 ]
 PEOPLE = st.builds(Person, st.integers(1, 3), st.booleans(), st.sampled_from(WORLDS))
 

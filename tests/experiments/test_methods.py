@@ -218,7 +218,7 @@ def test_a_seed_is_the_same_hands_for_every_method_and_others_for_another() -> N
     ("asked", "words"),
     [
         ("wavs", "did you mean wave"),
-        ("zzzz", "there are: wave, tuned, local, paper, coupling, tdpa"),
+        ("zzzz", f"there are: {', '.join(METHODS)}"),
         ("", "there is no method"),
     ],
 )

@@ -13,6 +13,7 @@ from cogrip.cli.settings.settings_file import load
 from cogrip.protocol.recording.reader import Damage, RecordedMessage, RecordingError, open_recording
 from cogrip.protocol.recording.records import kind_of
 from cogrip.protocol.settings.coupling_kinds import COUPLING_KINDS
+from cogrip.protocol.settings.object_kinds import KINDS as OBJECT_KINDS
 from cogrip.protocol.settings.room import rates_of, resolve
 from cogrip.protocol.settings.sections import Settings
 from cogrip.results.reading.folder import client_recording
@@ -21,6 +22,7 @@ from cogrip.results.replay.verify import ReplayVerdict, verify
 from cogrip.results.writing.laboratory_run import run_laboratory
 
 from tests.extent import every
+from tests.kinds import OBJECTS
 from tests.recording_files import rewrite
 from tests.results.reported_runs import spoil_chunk
 
@@ -91,7 +93,7 @@ def test_every_shipped_session_is_exact_for_longer(config: Path, tmp_path: Path)
 
 @settings(max_examples=12)
 @given(
-    st.sampled_from(["cube", "faces", "wall"]), st.integers(1, 3), st.floats(0.0, 60.0), st.floats(0.0, 20.0),
+    st.sampled_from(OBJECTS), st.integers(1, 3), st.floats(0.0, 60.0), st.floats(0.0, 20.0),
     st.floats(0.0, 0.5), st.floats(0.0, 0.5), st.floats(0.0, 0.5), st.integers(0, 6), st.integers(0, 2**53),
 )  # fmt: skip
 def test_any_session_is_exact(
@@ -102,7 +104,7 @@ def test_any_session_is_exact(
     world = resolve({
         "seed": seed, "seconds": 0.15, "object": {"kind": kind, "axes": axes}, "playout": {"frames": playout},
         "link": {"delay_ms": delay_ms, "jitter_ms": jitter_ms, "loss": loss, "duplicate": duplicate, "reorder": reorder},
-        "users": people[:1] if kind == "wall" else people,
+        "users": people[:1] if OBJECT_KINDS[kind].fixed else people,
     })  # fmt: skip
     is_exact(world, verdicts_of(world, tmp_path_factory.mktemp("run")))
 

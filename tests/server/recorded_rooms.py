@@ -100,7 +100,7 @@ class Server(RecordedEnd):
         """The next frame of this person's line up."""
         row, kind = (value,) * self.rooms[0].object.axes, self.rooms[0].coupling.kind
         stamp = Stamp(self.now_ns - 1, self.now_ns - 9_000_000, 2_000_000)
-        return next_frame(self.lines[who], self.session[who], row, stamp, kind)
+        return next_frame(self.lines[who], self.session[who], row, stamp, kind, up=True)
 
     def word(self, who: int, kind: str, number: int, value: float) -> bytes:
         """A datagram as it may arrive; `number` tells which of that kind."""

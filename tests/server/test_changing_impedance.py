@@ -19,6 +19,7 @@ from cogrip.sim.laboratory import Laboratory
 
 from tests.extent import long
 from tests.interpreted import needs_interpreted
+from tests.kinds import OBJECTS
 from tests.server.broken_worlds import Springs
 from tests.server.scene_worlds import hold, port_j, world_of, world_of_settings
 from tests.server.test_guarded_world import guarded
@@ -107,7 +108,7 @@ def driven(world: World, seed: int, frames: int = 200) -> float:
     return least
 
 
-@pytest.mark.parametrize("kind", ["cube", "faces", "wall"])
+@pytest.mark.parametrize("kind", OBJECTS)
 @pytest.mark.parametrize("people", [2, long(20)])
 @given(st.integers(0, 2**32 - 1))
 @settings(max_examples=25, deadline=None)

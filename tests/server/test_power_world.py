@@ -8,8 +8,10 @@ import pytest
 from hypothesis import example, given
 from hypothesis import strategies as st
 
+from cogrip.protocol.settings.object_kinds import kind_of
 from cogrip.server.worlds.power import DRIFT_MPS, DRIFT_SHARE, GIVE_SHARE, Led, PowerWorld
 
+from tests.kinds import objects_of
 from tests.server.object_worlds import seats
 
 T = 1 / 128
@@ -72,8 +74,8 @@ rows = st.tuples(
 
 @st.composite
 def steps(draw: st.DrawFn) -> tuple[PowerWorld, list[list[tuple[float, ...]]]]:
-    thing, axes = draw(st.sampled_from(["cube", "faces", "wall"])), draw(st.integers(1, 3))
-    users = 1 if thing == "wall" else draw(st.integers(1, 5))
+    thing, axes = draw(st.sampled_from(objects_of("tdpa"))), draw(st.integers(1, 3))
+    users = 1 if kind_of(thing).fixed else draw(st.integers(1, 5))
     stiffness, damper = draw(st.floats(0.0, 1e6)), draw(st.floats(0.0, 100.0))
     world = world_of(
         users, thing, axes, draw(st.sampled_from([0.0, 3.0])), stiffness_npm=stiffness, damping_nspm=damper

@@ -10,13 +10,13 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from cogrip.protocol.recording.records import Datagram, Input
-from cogrip.protocol.settings.coupling_kinds import COUPLING_KINDS
 from cogrip.protocol.wire.session import LOST_NS
 from cogrip.server.admission import AdmissionServices
 from cogrip.server.checkpoint import CheckpointError
 from cogrip.server.inputs import CloseLedger, Idle, Restore, SocketFailed, Stop, decode
 from cogrip.server.recorder import ACCOUNT, ANSWER, DATAGRAM_IN, DATAGRAM_OUT, EVENT, INPUT, RecordedServer, start_of
 
+from tests.kinds import SCHEMES, object_of
 from tests.recorded_end import nothing_is_judged_after_a_gap, the_beginning_is_exact
 from tests.server.recorded_rooms import ADDRESSES, FRAME_NS, SCRIPT, STEP, TICKET, TOKEN, Server, a_room, scripted
 
@@ -47,14 +47,16 @@ AT_THE_END = (
 )
 ACTIONS = st.builds(list.__add__, st.lists(DURING, min_size=3, max_size=20), st.lists(AT_THE_END, max_size=5))
 COUPLINGS: list[dict[str, Any]] = [
-    {"server_step": "paper", "encoder": "velocity", "decimator": "lowpass"},
-    *({"kind": kind} for kind, traits in COUPLING_KINDS.items() if not traits.local),  # that one is not for a cube
+    {"kind": "wave", "server_step": "paper", "encoder": "velocity", "decimator": "lowpass"},
+    *({"kind": scheme} for scheme in SCHEMES),
 ]
 
 
 @st.composite
 def servers(draw: st.DrawFn) -> Server:
-    tables = {"object": {"axes": draw(st.integers(1, 3))}, "coupling": draw(st.sampled_from(COUPLINGS))}
+    coupling = draw(st.sampled_from(COUPLINGS))
+    thing = {"kind": object_of(coupling["kind"]), "axes": draw(st.integers(1, 3))}
+    tables = {"object": thing, "coupling": coupling}
     rooms = [a_room("lab", draw(st.sampled_from(["a", "ab", "abc"])), **tables)]
     if draw(st.booleans()):
         rooms.append(a_room("hall", "zy", **tables))

@@ -10,13 +10,13 @@ from cogrip.protocol.settings.coupling_kinds import COUPLING_KINDS
 from cogrip.server.schemes import make_world
 from cogrip.server.worlds.world import World
 
+from tests.kinds import objects_of
 from tests.server.object_worlds import seats
 
 SCHEMES: dict[str, dict[str, Any]] = {
     **{
         kind: {"kind": kind, "stiffness_npm": 1000.0 if traits.passive else 300.0}
         for kind, traits in COUPLING_KINDS.items()
-        if not traits.local  # not of every kind of object
     },
     "adapted": {"compensate": True},
     "paper": {"server_step": "paper", "stiffness_npm": 300.0},
@@ -45,12 +45,7 @@ def course(world: World, seed: int) -> list[object]:
 
 @pytest.mark.parametrize(
     ("kind", "scheme"),
-    [
-        (kind, scheme)
-        for kind in ("cube", "faces", "wall")
-        for scheme in SCHEMES
-        if kind == "cube" or not COUPLING_KINDS[SCHEMES[scheme].get("kind", "wave")].cube_alone
-    ],
+    [(kind, scheme) for scheme, coupling in SCHEMES.items() for kind in objects_of(coupling.get("kind", "wave"))],
 )
 def test_a_world_goes_on_bit_for_bit_where_it_was_saved(kind: str, scheme: str) -> None:
     world = made(kind, scheme)

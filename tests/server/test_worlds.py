@@ -8,15 +8,20 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from cogrip.protocol.settings.coupling_kinds import COUPLING_KINDS, Kind
+from cogrip.protocol.settings.object_kinds import kind_of
 from cogrip.protocol.settings.seat import SeatSettings
 from cogrip.server.schemes import make_world
 from cogrip.server.worlds.grip import GripWorld
 from cogrip.server.worlds.grip_step import RAMP_S
 from cogrip.server.worlds.lagged import CoupledWorld, LaggedWorld, PaperWorld
+from cogrip.server.worlds.local_faces import LocalFacesWorld
+from cogrip.server.worlds.partners import PartnersWorld
 from cogrip.server.worlds.power import PowerWorld
 from cogrip.server.worlds.push import PushWorld
 from cogrip.server.worlds.world import WORKSPACE_M, World
 
+from tests.kinds import FREE_OBJECTS, OBJECTS, SCHEMES, objects_of
 from tests.server.object_worlds import seats, stored_j
 from tests.server.scene_worlds import Array, T, port_j
 
@@ -202,7 +207,7 @@ def test_people_come_and_go_and_bring_no_energy(count: int, dimensions: int, see
         assert np.all(np.array(world._paid_j) >= -1e-15)
 
 
-@pytest.mark.parametrize("kind", ["cube", "faces", "wall"])
+@pytest.mark.parametrize("kind", OBJECTS)
 def test_joining_makes_no_force_wherever_the_hand_is(kind: str) -> None:
     for place in (-0.2, 0.0, 0.2):
         world = make_world(seats(2, kind, 3))
@@ -245,7 +250,7 @@ def test_the_damper_pays_for_a_spring_that_grows_under_tension_and_without_one_n
     assert (world.stiffness[0, 0] > 0.0) == (B > 0.0)
 
 
-@pytest.mark.parametrize("kind", ["cube", "faces"])
+@pytest.mark.parametrize("kind", FREE_OBJECTS)
 def test_leaving_discards_the_spring_and_kicks_nobody_and_who_comes_back_starts_anew(kind: str) -> None:
     """Two people squeeze; one leaves. The object's velocity does not jump and the energy only falls."""
     world = make_world(seats(2, kind))
@@ -269,7 +274,7 @@ def test_leaving_discards_the_spring_and_kicks_nobody_and_who_comes_back_starts_
     held = stored_j(world)
     world.join(1, np.array([0.2]))
     assert world.proxy(1) == pytest.approx([0.2])
-    assert (stored_j(world), world.accounts.stiffness(1)) == (held, 0.0 if kind == "cube" else 1000.0)
+    assert (stored_j(world), world.accounts.stiffness(1)) == (held, 0.0 if kind_of(kind).held else 1000.0)
 
 
 # The schemes to compare with -----------------------------------------------------------------------------------------
@@ -320,14 +325,15 @@ def test_virtual_coupling_sums_springs_and_answers_with_the_object_after_the_ste
     assert answers == pytest.approx(np.array([[0.1 + place, speed], [-0.1 + place, speed]])), "each in their own frame"
 
 
-@pytest.mark.parametrize("step", ["passive", "paper"])
-@pytest.mark.parametrize("kind", ["cube", "faces", "wall"])
-def test_worlds_by_settings(kind: str, step: str) -> None:
-    world = make_world(seats(1, kind, server_step=step))
-    expected: type[World] = PaperWorld if step == "paper" else GripWorld if kind == "cube" else PushWorld
-    assert type(world) is expected
-    assert type(make_world(seats(1, kind, kind="coupling"))) is CoupledWorld
-    assert type(make_world(seats(1, kind, kind="tdpa"))) is PowerWorld
+@pytest.mark.parametrize(("scheme", "kind"), [(scheme, kind) for scheme in SCHEMES for kind in objects_of(scheme)])
+def test_worlds_by_settings(scheme: Kind, kind: str) -> None:
+    worlds: dict[Kind, type[World]] = {
+        "wave": GripWorld if kind_of(kind).held else PushWorld, "local": LocalFacesWorld, "coupling": CoupledWorld,
+        "tdpa": PowerWorld, "partner": PartnersWorld,
+    }  # fmt: skip
+    assert type(make_world(seats(1, kind, kind=scheme))) is worlds[scheme]
+    if COUPLING_KINDS[scheme].paper_step:
+        assert type(make_world(seats(1, kind, kind=scheme, server_step="paper"))) is PaperWorld
 
 
 @pytest.mark.parametrize("make", [GripWorld, PushWorld, PaperWorld, CoupledWorld])

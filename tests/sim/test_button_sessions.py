@@ -11,6 +11,7 @@ from msgspec.structs import replace
 
 from cogrip.devices.device import Device, Sample
 from cogrip.devices.for_user import make_for
+from cogrip.protocol.settings.coupling_kinds import Kind
 from cogrip.protocol.settings.room import resolve
 from cogrip.protocol.settings.sections import Settings
 from cogrip.protocol.wire.handle import MOST_AT_ONCE, Handle
@@ -22,7 +23,8 @@ from cogrip.server.seats.observers import _person
 from cogrip.sim import laboratory as session_laboratory
 from cogrip.sim.laboratory import Laboratory
 
-from tests.extent import long
+from tests.extent import every, long
+from tests.kinds import SCHEMES, object_of
 from tests.sim.session_measures import assert_plays_again, run_frames
 
 M = 8  # device ticks in a frame
@@ -78,15 +80,16 @@ def waits(told: Told) -> list[int]:
 
 @pytest.mark.sample(1)
 @pytest.mark.parametrize("loss", [0.0, long(0.1), long(0.3)])
-@pytest.mark.parametrize("kind", ["wave", long("coupling"), "tdpa"])
-def test_an_edge_comes_within_one_frame_and_the_delay_and_loss_delays_it_by_frames(kind: str, loss: float) -> None:
+@pytest.mark.parametrize("kind", every(3, SCHEMES))
+def test_an_edge_comes_within_one_frame_and_the_delay_and_loss_delays_it_by_frames(kind: Kind, loss: float) -> None:
     """Edges at every phase of a frame. The world takes what has come at its next step: 20 ms are 20.48 ticks, a frame is 8.
 
     As many edges as datagrams arrive come in time, within two standard deviations; none waits longer than the run of lost
     datagrams that one edge in ten thousand meets.
     """
     presses = [taps(1, 0.5, 0.0333, 70), taps(3, 0.51, 0.0441, 50)]
-    late = np.array(waits(told_in(presses, coupling={"kind": kind}, link={"delay_ms": 20, "loss": loss})))
+    tables = {"object": {"kind": object_of(kind)}, "coupling": {"kind": kind}}
+    late = np.array(waits(told_in(presses, **tables, link={"delay_ms": 20, "loss": loss})))
     assert len(late) == 240
     assert late.min() >= 0.020 * 1024
     assert np.mean(late <= 0.020 * 1024 + M) >= 1.0 - loss - 2.0 * sqrt(loss * (1.0 - loss) / len(late))
@@ -95,12 +98,12 @@ def test_an_edge_comes_within_one_frame_and_the_delay_and_loss_delays_it_by_fram
 
 
 @pytest.mark.sample(1)
-@pytest.mark.parametrize("kind", ["wave", long("local"), long("coupling"), "tdpa"])
-def test_no_edge_is_lost_or_comes_twice_at_thirty_percent_loss(kind: str) -> None:
+@pytest.mark.parametrize("kind", every(3, SCHEMES))
+def test_no_edge_is_lost_or_comes_twice_at_thirty_percent_loss(kind: Kind) -> None:
     told = told_in(
         [taps(1, 0.5, 0.05, 40), taps(32, 0.51, 0.07, 25)],
         coupling={"kind": kind},
-        object={"kind": "faces" if kind == "local" else "cube"},
+        object={"kind": object_of(kind)},
         link={"delay_ms": 30, "jitter_ms": 8, "loss": 0.3, "duplicate": 0.2, "reorder": 0.2},
     )
     for number, (button, count) in enumerate([(1, 40), (32, 25)]):

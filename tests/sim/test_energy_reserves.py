@@ -15,7 +15,7 @@ from rich.console import Console
 from cogrip.cli.session.live_views import LiveTable
 from cogrip.cli.settings.settings_file import load
 from cogrip.protocol.laws.passivity_control import LENT_J
-from cogrip.protocol.settings.coupling_kinds import COUPLING_KINDS
+from cogrip.protocol.settings.coupling_kinds import COUPLING_KINDS, Kind
 from cogrip.protocol.settings.room import resolve
 from cogrip.protocol.settings.sections import Settings
 from cogrip.results.plots import compared
@@ -29,6 +29,7 @@ from cogrip.results.writing.summary import of_laboratory
 from cogrip.server.inputs import Kick
 from cogrip.sim.laboratory import Laboratory
 
+from tests.kinds import SCHEMES, object_of
 from tests.results.reported_runs import printed
 from tests.sim.session_measures import MARGINS, run_frames
 
@@ -38,10 +39,13 @@ SLOW = {"device_hz": 512}  # fewer ticks, where borders of frames count
 ROUNDING_J = 1e-12
 
 
-def session(kind: str = "wave", seconds: float = 1.5, **more: Any) -> Settings:
+def session(kind: Kind = "wave", seconds: float = 1.5, **more: Any) -> Settings:
     users = [{"name": "anna", "hand": "reach"}, {"name": "ben", "hand": "hold"}]
-    stiffness = {"stiffness_npm": 100.0} if kind == "coupling" else {}
-    table = {"name": "reserves", "seconds": seconds, "coupling": {"kind": kind, **stiffness}, "users": users}
+    stiffness = {} if COUPLING_KINDS[kind].passive else {"stiffness_npm": 100.0}
+    table = {
+        "name": "reserves", "seconds": seconds, "object": {"kind": object_of(kind)},
+        "coupling": {"kind": kind, **stiffness}, "users": users,
+    }  # fmt: skip
     return resolve({**table, **more})
 
 
@@ -70,7 +74,7 @@ def lawful(summary: dict[str, Any]) -> None:
 
 @settings(max_examples=12, deadline=None)
 @given(
-    kind=st.sampled_from([kind for kind, traits in COUPLING_KINDS.items() if not traits.local]),
+    kind=st.sampled_from(SCHEMES),
     seconds=st.sampled_from([0.3, 1.2]),
     tank_mj=st.sampled_from([0.0, 1e3 * TANK_J]),
     loss=st.sampled_from([0.0, 0.2]),
@@ -78,7 +82,7 @@ def lawful(summary: dict[str, Any]) -> None:
     seed=st.integers(0, 99),
 )
 def test_margin_and_reserve_keep_their_order_whatever_the_session(
-    kind: str, seconds: float, tank_mj: float, loss: float, jitter_ms: float, seed: int
+    kind: Kind, seconds: float, tank_mj: float, loss: float, jitter_ms: float, seed: int
 ) -> None:
     link = {"delay_ms": 10.0, "loss": loss, "jitter_ms": jitter_ms}
     laboratory = Laboratory(session(kind, seconds, seed=seed, rates=SLOW, link=link, playout={"tank_mj": tank_mj}))
@@ -103,7 +107,7 @@ def test_a_lossless_line_holds_what_is_on_its_way_and_owes_nothing_down() -> Non
 
 
 @pytest.mark.parametrize(("kind", "lent_j"), [("wave", TANK_J), ("tdpa", LENT_J)])
-def test_a_line_that_lends_shows_it_in_its_margin_and_is_still_passive(kind: str, lent_j: float) -> None:
+def test_a_line_that_lends_shows_it_in_its_margin_and_is_still_passive(kind: Kind, lent_j: float) -> None:
     playout = {"tank_mj": 1e3 * TANK_J, "concealment": "tank", "redundancy": 1}
     lossy = {"delay_ms": 10.0, "loss": 0.3, "burst_frames": 4.0}
     laboratory = Laboratory(session(kind, seed=0, link=lossy, playout=playout))

@@ -12,6 +12,7 @@ from msgspec.structs import replace
 from cogrip.client import inputs as client_inputs
 from cogrip.client.inputs import CloseLedger
 from cogrip.client.safety.force_limits import SOFT_SLOPE_NPS
+from cogrip.protocol.settings.coupling_kinds import Kind
 from cogrip.protocol.settings.hand import UNCHANGED, parsed
 from cogrip.protocol.settings.room import resolve
 from cogrip.protocol.wire.accounts import ClientAccount
@@ -26,6 +27,7 @@ from cogrip.server.inputs import SetHand
 from cogrip.sim.laboratory import Laboratory
 
 from tests.extent import long
+from tests.kinds import SCHEMES, object_of
 from tests.sim.felt_forces import Felt
 from tests.sim.session_measures import run_frames
 
@@ -243,13 +245,13 @@ def test_a_client_that_reports_without_end_fills_no_log_and_loosens_no_limit() -
 
 @pytest.mark.sample(3)
 @pytest.mark.parametrize("limit", ["auto", "box -0.05 0.05 -0.05 0.05 -0.05 0.05", "sphere 0 0 0 0.05"])
-@pytest.mark.parametrize("kind", ["wave", "coupling", "tdpa", "local"])
-def test_a_hand_is_pushed_back_softly_beyond_the_limit(limit: str, kind: str) -> None:
+@pytest.mark.parametrize("kind", SCHEMES)
+def test_a_hand_is_pushed_back_softly_beyond_the_limit(limit: str, kind: Kind) -> None:
     """A hand of 40 N/m that means to go 20 mm farther: the spring of 140 N/m stops it a few millimetres beyond."""
     begins_m = 0.117 if limit == "auto" else 0.05
     hand = f"sine&amplitude_m={begins_m + 0.02}&frequency_hz=0.25&hand_stiffness_npm=40&hand_damping_nspm=3"
     table = session(hand=hand, workspace_limit_m=limit) | {"seconds": 4.0}
-    table["object"] = {"kind": "wall" if kind == "local" else "cube", "axes": 3, "mass_kg": 0.01}
+    table["object"] = {"kind": object_of(kind), "axes": 3, "mass_kg": 0.01}
     table["coupling"] = {"kind": kind, "stiffness_npm": 1.0, "damping_nspm": 0.2}
     laboratory = Laboratory(resolve(table))
     farthest = [0.0, 0.0]

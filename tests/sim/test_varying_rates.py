@@ -28,6 +28,7 @@ from cogrip.results.writing.summary import of_laboratory
 from cogrip.sim.laboratory import Laboratory, moments_of
 
 from tests.extent import long
+from tests.kinds import OBJECTS
 from tests.sim.felt_forces import Felt
 from tests.sim.measured_impedance import measure, static_stiffness
 from tests.sim.session_measures import allowed, least_margin, summary_of
@@ -101,7 +102,7 @@ def test_another_persons_rate_is_hardly_felt() -> None:
 def test_every_line_is_passive_at_every_rate(data: st.DataObject) -> None:
     network_hz = data.draw(st.sampled_from([32, 64, 128, 256, 512, 1024]), "network_hz")
     device_hz = data.draw(st.lists(st.sampled_from(DEVICE_HZ), min_size=2, max_size=2), "device_hz")
-    kind = data.draw(st.sampled_from(["cube", "faces", "wall"]), "kind")
+    kind = data.draw(st.sampled_from(OBJECTS), "kind")
     table = world(
         network_hz, device_hz, seconds=max(0.3, 16.0 / network_hz), seed=data.draw(st.integers(0, 99), "seed"),
         object={"kind": kind, "axes": data.draw(st.sampled_from([1, 1, 3]), "axes")},
