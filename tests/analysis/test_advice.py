@@ -9,7 +9,7 @@ from cogrip.analysis.advice import advice_change
 from cogrip.analysis.advice.advice import AMPLE, HEAVY_KG, Advice, advise, advise_seat, feel_level
 from cogrip.analysis.advice.advice_change import Change, change_to, ranked_changes
 from cogrip.analysis.advice.finding import growth, warning_rows
-from cogrip.analysis.linear.linear_session import ModelError, scheme_overrides
+from cogrip.analysis.linear.linear_session import ModelError, form_overrides
 from cogrip.analysis.linear.stability import Limit
 from cogrip.client.safety.rendered_damper import rounded_down
 from cogrip.devices.for_user import make_for
@@ -25,7 +25,7 @@ from tests.sim.session_measures import FRAME_MS
 def settings_of(scheme: Any = "passive", **overrides: Any) -> Settings:
     people = [{"name": name, "device": "sim:ideal", "hand": "hold"} for name in ("a", "b")]
     keys = {key.replace("__", "."): value for key, value in overrides.items()}
-    return resolve({"users": people}, {**scheme_overrides(scheme), **keys})
+    return resolve({"users": people}, {**form_overrides(scheme), **keys})
 
 
 def best_change(settings: Settings, now: Advice, *progress: Any) -> Change | None:

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from cogrip.analysis.linear.boundary import ASIDE
 from cogrip.analysis.linear.lifted_model import LiftedModel
-from cogrip.analysis.linear.linear_session import ModelError, linear_session, scheme_overrides
+from cogrip.analysis.linear.linear_session import ModelError, form_overrides, linear_session
 from cogrip.analysis.linear.region import Region, dense_grid, grid_axes, regions, stiffnesses
 from cogrip.analysis.linear.stability import largest_stable, radius
 from cogrip.protocol.settings.room import resolve
@@ -33,7 +33,7 @@ TABLES = {"alike": ALIKE, "unalike": UNALIKE}
 
 
 def settings_of(table: dict[str, Any], scheme: Any) -> Settings:
-    return resolve(table, scheme_overrides(scheme))
+    return resolve(table, form_overrides(scheme))
 
 
 @cache

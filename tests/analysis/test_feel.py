@@ -22,7 +22,7 @@ from cogrip.analysis.feel.feel import (
     on_wall,
     slow_feel,
 )
-from cogrip.analysis.linear.linear_session import LinearSession, linear_session, scheme_overrides
+from cogrip.analysis.linear.linear_session import LinearSession, form_overrides, linear_session
 from cogrip.protocol.laws.decimation import lag_s
 from cogrip.protocol.laws.felt_stiffness import felt_stiffness, line_compliance
 from cogrip.protocol.settings.delays import OneWayDelay
@@ -31,7 +31,7 @@ from cogrip.protocol.settings.room import resolve
 
 def session(scheme: Any = "passive", frames: float = 1, estimated: bool = False, **keys: Any) -> LinearSession:
     table = {"coupling": keys, "users": [{"name": "a"}, {"name": "b"}]}
-    return linear_session(resolve(table, scheme_overrides(scheme)), delay_frames=frames, estimated=estimated)
+    return linear_session(resolve(table, form_overrides(scheme)), delay_frames=frames, estimated=estimated)
 
 
 def delayed(which: LinearSession, up: int, down: int) -> LinearSession:

@@ -19,9 +19,9 @@ from cogrip.analysis.linear.lifted_model import LiftedModel
 from cogrip.analysis.linear.linear_session import (
     LinearPerson,
     ModelError,
+    form_overrides,
     linear_session,
     rounding_notes,
-    scheme_overrides,
 )
 from cogrip.analysis.linear.stability import verdict
 from cogrip.client.coupling.virtual_coupling import VirtualCoupling
@@ -126,7 +126,7 @@ class CoresFrame:
         if not self.deep:
             return state
         for number, side in enumerate(self.sides):
-            if self.session.scheme == "coupling":
+            if self.session.form == "coupling":
                 state[self.layout.clients[number].start] = side * TOUCH_M
                 state[self.layout.ups[number]][0::2] = side * TOUCH_M
             else:
@@ -158,7 +158,7 @@ class CoresFrame:
         return sent
 
     def frame(self, state: Array) -> Array:
-        return self.coupled_frame(state) if self.session.scheme == "coupling" else self.wave_frame(state)
+        return self.coupled_frame(state) if self.session.form == "coupling" else self.wave_frame(state)
 
     def wave_frame(self, state: Array) -> Array:
         layout, out = self.layout, np.empty(self.size)
@@ -263,7 +263,7 @@ class CoresFrame:
 def both(scheme: str, stiffness: float, delay: int, **coupling: Any) -> tuple[Settings, LiftedModel]:
     """Return theory section 6's two users."""
     table: dict[str, Any] = {"coupling": coupling, "users": [{"name": "a"}, {"name": "b"}]}
-    resolved = resolve(table, {**scheme_overrides(scheme), "coupling.stiffness_npm": float(stiffness)})
+    resolved = resolve(table, {**form_overrides(scheme), "coupling.stiffness_npm": float(stiffness)})
     return resolved, LiftedModel(linear_session(resolved, delay_frames=delay, estimated=False))
 
 
@@ -405,7 +405,7 @@ def test_each_direction_has_its_own_delay_in_ticks() -> None:
 
 @pytest.mark.parametrize("scheme", ["paper", "coupling"])
 def test_a_scheme_that_does_not_fit_the_object_is_refused(scheme: str) -> None:
-    faces = resolve({"object": {"kind": "faces"}, "users": [{"name": "a"}]}, scheme_overrides(scheme))
+    faces = resolve({"object": {"kind": "faces"}, "users": [{"name": "a"}]}, form_overrides(scheme))
     with pytest.raises(ModelError, match=r'does not fit object\.kind = "faces"'):
         linear_session(faces, estimated=False)
 

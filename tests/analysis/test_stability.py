@@ -10,7 +10,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from cogrip.analysis.linear.lifted_model import LiftedModel
-from cogrip.analysis.linear.linear_session import LinearSession, linear_session, scheme_overrides
+from cogrip.analysis.linear.linear_session import LinearSession, form_overrides, linear_session
 from cogrip.analysis.linear.rigid_motion import Rigid
 from cogrip.analysis.linear.stability import SEARCHED_TO_NPM, largest_stable, modes, optimistic_limit, radius, verdict
 from cogrip.protocol.settings.delays import OneWayDelay
@@ -21,7 +21,7 @@ def session(
     scheme: Any = "paper", delay: float = 1, overrides: dict[str, Any] | None = None, users: int = 2
 ) -> LinearSession:
     table = {"users": [{"name": f"u{number}"} for number in range(users)]}
-    resolved = resolve(table, {**scheme_overrides(scheme), **(overrides or {})})
+    resolved = resolve(table, {**form_overrides(scheme), **(overrides or {})})
     return linear_session(resolved, delay_frames=delay, estimated=False)
 
 

@@ -7,7 +7,7 @@ import numpy as np
 
 from cogrip.analysis.linear.boundary import trace
 from cogrip.analysis.linear.lifted_model import LiftedModel
-from cogrip.analysis.linear.linear_session import linear_session, scheme_overrides
+from cogrip.analysis.linear.linear_session import form_overrides, linear_session
 from cogrip.analysis.linear.region import grid_axes, regions, stiffnesses
 from cogrip.cli.terminal.output import make_console
 from cogrip.cli.terminal.tables import plain_table
@@ -37,7 +37,7 @@ def bench_stability(*, rounds: int = 5, cells: int = 50) -> int:
     worst = np.inf
     schemes: tuple[Literal["paper", "coupling"], ...] = ("paper", "coupling")
     for scheme in schemes:
-        settings = resolve({"users": [{"name": "a"}, {"name": "b"}]}, scheme_overrides(scheme))
+        settings = resolve({"users": [{"name": "a"}, {"name": "b"}]}, form_overrides(scheme))
         found, box = regions(settings, DELAYS_FRAMES)
         models = [LiftedModel(linear_session(settings, delay_frames=frames)) for frames in DELAYS_FRAMES]
         pairs = np.stack(np.meshgrid(*grid_axes(box, cells)), axis=-1).reshape(-1, 2)

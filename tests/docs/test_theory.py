@@ -6,7 +6,7 @@ import pytest
 
 from cogrip.analysis.linear.decimation_passivity import filter_of, largest_gain
 from cogrip.analysis.linear.lifted_model import LiftedModel
-from cogrip.analysis.linear.linear_session import linear_session, scheme_overrides
+from cogrip.analysis.linear.linear_session import form_overrides, linear_session
 from cogrip.analysis.linear.stability import verdict
 from cogrip.protocol.laws.decimation import lag_s
 from cogrip.protocol.laws.felt_stiffness import felt_stiffness, line_compliance
@@ -51,7 +51,7 @@ def test_eigenvalues_of_section_6(row: list[str]) -> None:
     for stiffness_npm, radius in zip(STIFFNESSES_NPM, radii, strict=True):
         if radius == "-":
             continue
-        overrides = {**scheme_overrides(scheme), "coupling.stiffness_npm": stiffness_npm}  # type: ignore[arg-type]
+        overrides = {**form_overrides(scheme), "coupling.stiffness_npm": stiffness_npm}  # type: ignore[arg-type]
         session = linear_session(resolve({"users": users}, overrides), delay_frames=int(delay), estimated=False)
         assert f"{verdict(LiftedModel(session)).spectral_radius:.4f}" == radius, stiffness_npm
 

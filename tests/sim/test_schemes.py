@@ -9,7 +9,7 @@ import pytest
 
 from cogrip.analysis.advice.advice import INSTEAD, TOO_MUCH
 from cogrip.analysis.linear.lifted_model import KINDS as BLOCKS
-from cogrip.analysis.linear.linear_session import FORMS, Scheme, linear_session, scheme_of, scheme_overrides
+from cogrip.analysis.linear.linear_session import FORMS, Form, form_of, form_overrides, linear_session
 from cogrip.cli.settings.shipped_settings import shipped_scene
 from cogrip.client.coupling import schemes as client_schemes
 from cogrip.experiments.methods.method import METHODS
@@ -29,15 +29,15 @@ def test_every_scheme_and_every_form_of_linear_model_has_its_rows() -> None:
     for table in (COUPLING_KINDS, client_schemes.SCHEMES, server_schemes.SCHEMES):
         assert tuple(table) == KINDS
     assert {method.overrides["coupling.kind"] for method in METHODS.values()} == set(KINDS)
-    assert tuple(FORMS) == tuple(BLOCKS) == tuple(TOO_MUCH) == tuple(INSTEAD) == get_args(Scheme)
+    assert tuple(FORMS) == tuple(BLOCKS) == tuple(TOO_MUCH) == tuple(INSTEAD) == get_args(Form)
 
 
-@pytest.mark.parametrize("scheme", get_args(Scheme))
-def test_the_settings_of_a_form_ask_for_it(scheme: Scheme) -> None:
-    settings = resolve({}, scheme_overrides(scheme))
-    assert scheme_of(seat_settings(settings, 0).coupling) == scheme
-    assert (FORMS[scheme].damper_key == "damping_nspm") == (BLOCKS[scheme].width == 2) == (not FORMS[scheme].waves)
-    assert hasattr(linear_session(settings).people[0], FORMS[scheme].damper_key)
+@pytest.mark.parametrize("form", get_args(Form))
+def test_the_settings_of_a_form_ask_for_it(form: Form) -> None:
+    settings = resolve({}, form_overrides(form))
+    assert form_of(seat_settings(settings, 0).coupling) == form
+    assert (FORMS[form].damper_key == "damping_nspm") == (BLOCKS[form].width == 2) == (not FORMS[form].waves)
+    assert hasattr(linear_session(settings).people[0], FORMS[form].damper_key)
 
 
 def test_a_kind_is_named_in_tables_alone() -> None:

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from cogrip.analysis.linear.lifted_model import LiftedModel
-from cogrip.analysis.linear.linear_session import linear_session, scheme_overrides
+from cogrip.analysis.linear.linear_session import form_overrides, linear_session
 from cogrip.analysis.linear.stability import largest_stable, verdict
 from cogrip.protocol.settings.room import resolve
 from cogrip.protocol.settings.sections import Settings
@@ -28,7 +28,7 @@ KICKS_MPS = (1e-8, -4e-9)
 def settings_at(scheme: Any, frames: int, stiffness: float) -> Settings:
     people = [{"name": name, "device": "sim:ideal", "hand": "push&force_n=0"} for name in ("a", "b")]
     table = {"seconds": 100.0, "link": {"delay_ms": frames * FRAME_MS}, "users": people}
-    return resolve(table, {**scheme_overrides(scheme), "coupling.stiffness_npm": stiffness})
+    return resolve(table, {**form_overrides(scheme), "coupling.stiffness_npm": stiffness})
 
 
 def model(settings: Settings) -> LiftedModel:

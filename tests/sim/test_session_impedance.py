@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from cogrip.analysis.feel.feel import alone, held, impedance, no_contact, on_wall, slow_feel
-from cogrip.analysis.linear.linear_session import LinearSession, linear_session, scheme_overrides
+from cogrip.analysis.linear.linear_session import LinearSession, form_overrides, linear_session
 from cogrip.protocol.settings.room import resolve
 from cogrip.protocol.settings.sections import Settings
 
@@ -27,7 +27,7 @@ def base(scheme: Any, frames: int, kind: str, names: str = "a", **coupling: Any)
         "link": {"delay_ms": frames * FRAME_MS},
         "users": [{"name": name, "device": "sim:ideal", "hand": "hold"} for name in names],
     }
-    return resolve(table, scheme_overrides(scheme))
+    return resolve(table, form_overrides(scheme))
 
 
 CONDITIONS: dict[str, tuple[str, str, float, Callable[[LinearSession], LinearSession]]] = {

@@ -17,9 +17,8 @@ from cogrip.analysis.feel.feel import no_contact, on_wall, slow_feel
 from cogrip.analysis.linear.decimation_passivity import filter_of, largest_gain
 from cogrip.analysis.linear.lifted_model import LiftedModel
 from cogrip.analysis.linear.linear_session import (
-    FORMS,
+    Form,
     LinearSession,
-    Scheme,
     linear_session,
     seat_session,
     seats_on_devices,
@@ -51,12 +50,12 @@ HEAVY_KG = 0.25  # mass that a line adds to free motion above which it is noted:
 BRISK_MPS, SLOW_TOUCH_MPS = 0.3, 0.1  # speeds with which hands touch things: briskly, and with care
 _TINY = 1e-9
 _NEAR = 1e-4  # relative accuracy of a stiffness
-TOO_MUCH: dict[Scheme, str] = {
+TOO_MUCH: dict[Form, str] = {
     "passive": "the damper that a device renders is too much for it",
     "paper": "the paper's server step uses a force one frame old",
     "coupling": "the damper that a device renders is too much for it, or acts too late over this delay",
 }
-INSTEAD: dict[Scheme, str] = {
+INSTEAD: dict[Form, str] = {
     "passive": "",
     "paper": '; set coupling.server_step to "passive"',
     "coupling": '; set coupling.kind to "wave"',
@@ -189,7 +188,7 @@ def _advise(
 
 def _stability(session: LinearSession, found: StabilityVerdict, limit: Limit, stiffness_npm: float) -> Finding:
     if limit.stiffness_npm == 0.0:
-        why = f"{TOO_MUCH[session.scheme]}; {_calmer(session)}"
+        why = f"{TOO_MUCH[session.form]}; {_calmer(session)}"
         text = f"NOT stable at any stiffness, by the linear model with free hands: {why}"
         return Finding("stability", text, "warning", refused=True)
     if not found.stable:
@@ -204,7 +203,7 @@ def _stability(session: LinearSession, found: StabilityVerdict, limit: Limit, st
         return Finding("stability", "stable, and at any stiffness" if limit.searched_to_npm else "stable")
     share = limit.stiffness_npm / stiffness_npm
     text = f"stable up to {plain(limit.stiffness_npm)} N/m, {share:.2f} times the {plain(stiffness_npm)} N/m that is rendered"
-    if found.scheme == "passive":
+    if session.traits.passive:
         text += "; beyond it, a device's own damper is unstable on its sampled or estimated velocity"
     return Finding("stability", text, "warning" if share < AMPLE else "ok")
 
@@ -250,7 +249,7 @@ def _user(session: LinearSession, number: int, seat: SeatSettings, record: Capab
     felt = slow_feel(on_wall(session, number), 0).stiffness_npm
     free_kg = person.device_mass_kg + slow_feel(no_contact(session, number), 0).inertia_kg
     compensated = enough = None
-    if session.scheme == "passive" and coupling.stiffness_npm > 0.0:
+    if session.traits.passive and coupling.stiffness_npm > 0.0:
         # C_line from the model itself: 1 / K_felt - 1 / K_rendered
         compliance = 1.0 / felt - 1.0 / seat.rendered_npm
         try:
@@ -267,7 +266,7 @@ def _user(session: LinearSession, number: int, seat: SeatSettings, record: Capab
 
 def _calmer(session: LinearSession) -> str:
     """The largest damper with which the session is stable at some stiffness, as the cure of one that is at none."""
-    key = FORMS[session.scheme].damper_key
+    key = session.traits.damper_key
     values = [getattr(person, key) for person in session.people]
 
     def stable(share: float) -> bool:
@@ -276,7 +275,7 @@ def _calmer(session: LinearSession) -> str:
 
     low = next((share for power in range(1, _HALVINGS) if stable(share := 0.5**power)), None)
     if low is None:
-        return f"no {key} would do{INSTEAD[session.scheme]}"
+        return f"no {key} would do{INSTEAD[session.form]}"
     high = 2.0 * low
     for _ in range(_HALVINGS):
         middle = 0.5 * (low + high)

@@ -13,7 +13,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from math import expm1
 
-from cogrip.analysis.linear.linear_session import FORMS, LinearPerson, LinearSession
+from cogrip.analysis.linear.linear_session import LinearPerson, LinearSession
 from cogrip.machine.addition import add_floats
 from cogrip.protocol.settings.delays import OneWayDelay
 from cogrip.protocol.settings.rates import Rates
@@ -37,7 +37,7 @@ def budget(session: LinearSession, user: int) -> tuple[Stage, ...]:
         why = "the force of contact is held over a tick: half a tick on average"
         return (Stage("client", "hold", 0.5 * rates.tick_s, why),)
     hold = Stage("down", "hold", 0.5 * rates.frame_s, "an answer is held over a frame: half a frame on average")
-    if not FORMS[session.scheme].waves:
+    if not session.traits.waves:
         server = Stage("server", "step", 0.0, "a place is answered with the object after the step that it reaches")
         return (*_line("up", person.up, rates), server, *_line("down", person.down, rates), hold)
     return (

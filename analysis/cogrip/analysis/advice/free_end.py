@@ -12,7 +12,7 @@ from functools import lru_cache
 from cogrip.analysis.advice.finding import growth
 from cogrip.analysis.feel.feel import no_contact
 from cogrip.analysis.linear.lifted_model import LiftedModel
-from cogrip.analysis.linear.linear_session import FORMS, LinearPerson, LinearSession
+from cogrip.analysis.linear.linear_session import LinearPerson, LinearSession
 from cogrip.analysis.linear.stability import verdict
 from cogrip.client.safety.rendered_damper import rounded_down
 
@@ -67,7 +67,7 @@ def free_end_record(found: FreeEnd) -> dict[str, object]:
 
 def free_end(session: LinearSession, number: int) -> FreeEnd | None:
     """Return the judgement of a person's free end; None for a scheme whose free hand feels no line."""
-    if not FORMS[session.scheme].waves or session.local:
+    if not session.traits.waves or session.local:
         return None
     alone = no_contact(session, number)
     return _judged(replace(alone, people=(replace(alone.people[0], name=""),)))

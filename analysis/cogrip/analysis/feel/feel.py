@@ -27,7 +27,7 @@ import numpy as np
 from cogrip.analysis.linear.client_blocks import booked_late, decimator_row
 from cogrip.analysis.linear.decimation_passivity import filter_of, lowpass_pole
 from cogrip.analysis.linear.lifted_model import KINDS
-from cogrip.analysis.linear.linear_session import FORMS, LinearPerson, LinearSession
+from cogrip.analysis.linear.linear_session import LinearPerson, LinearSession
 from cogrip.analysis.linear.state_space import Array, Complex
 from cogrip.client.hand.velocity import hand_memory, observer_gains
 from cogrip.protocol.settings.rates import Rates
@@ -80,7 +80,7 @@ def impedance(session: LinearSession, user: int, omega_rad_s: Array) -> Complex:
     rates = person.rates
     w = np.asarray(omega_rad_s, dtype=float)
     z = np.exp(1j * w * rates.frame_s)
-    kind = KINDS[session.scheme]
+    kind = KINDS[session.form]
     width, N = kind.width, len(session.people)
     K = np.array(session.stiffness_npm)
     server = kind.server(session, K).response(z)
@@ -93,7 +93,7 @@ def impedance(session: LinearSession, user: int, omega_rad_s: Array) -> Complex:
         else:
             answer = kind.client(other, K[number], other.rates).response(z)
         G[:, mine, mine] = answer * (z**-frames * other.filtered(z) ** 2)[:, None, None]
-    port = _wave_port if FORMS[session.scheme].waves else _coupled_port
+    port = _wave_port if session.traits.waves else _coupled_port
     sent, law = port(person, rates, w)
     drive = np.zeros((len(w), width * N, 1), dtype=np.complex128)
     mine = slice(user * width, (user + 1) * width)

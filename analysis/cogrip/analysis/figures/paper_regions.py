@@ -12,9 +12,16 @@ import numpy as np
 from matplotlib.axes import Axes
 
 from cogrip.analysis.figures.page import FigurePage, FigureTable
-from cogrip.analysis.figures.region import COLUMNS, SCHEME_NAMES, draw_regions, frames, line_style, region_rows
+from cogrip.analysis.figures.region import COLUMNS, draw_regions, frames, line_style, region_rows
 from cogrip.analysis.linear.lifted_model import LiftedModel
-from cogrip.analysis.linear.linear_session import LinearPerson, LinearSession, Scheme, linear_session, scheme_overrides
+from cogrip.analysis.linear.linear_session import (
+    FORMS,
+    Form,
+    LinearPerson,
+    LinearSession,
+    form_overrides,
+    linear_session,
+)
 from cogrip.analysis.linear.region import Region, regions, traced
 from cogrip.analysis.linear.stability import largest_stable
 from cogrip.protocol.settings.room import resolve
@@ -28,31 +35,30 @@ OBJECT_KG = 0.2
 SHOWN_DEVICES_KG = (0.045, 0.1)
 DEVICE_MASSES_KG = (0.045, 0.1, 0.3, 1.0)
 OBJECT_MASSES_KG = tuple(np.geomspace(0.1, 1.0, 21).tolist())
-_SHORT: dict[Scheme, str] = {"coupling": "virtual coupling", "paper": "the paper's scheme", "passive": "cogrip"}
 MASS_DELAYS_FRAMES = (0.0, 1.0, 4.0)
 
 
-def paper_settings(scheme: Scheme, device_kg: float = DEVICE_KG, object_kg: float = OBJECT_KG) -> Settings:
+def paper_settings(form: Form, device_kg: float = DEVICE_KG, object_kg: float = OBJECT_KG) -> Settings:
     """Return P section VI: b = 20, B = 10 N s/m, no device damping, 1024 and 128 Hz; two users alike; masses are ours."""
     people = [
         {"name": name, "device": "sim:ideal", "hand": "push", "device_mass_kg": device_kg}
         for name in ("user 1", "user 2")
     ]
-    return resolve({"object": {"mass_kg": object_kg}, "users": people}, scheme_overrides(scheme))
+    return resolve({"object": {"mass_kg": object_kg}, "users": people}, form_overrides(form))
 
 
-def one_scheme(scheme: Scheme, name: str, heading: str, ways: Sequence[tuple[str, int]] = (("", 0),)) -> FigurePage:
+def one_scheme(form: Form, name: str, heading: str, ways: Sequence[tuple[str, int]] = (("", 0),)) -> FigurePage:
     """Draw one scheme's region at the four delays, for a light device and for theory section 6's, on the same axes.
 
     ways: a row of panels each, and by how many frames the server's answer is older there.
     """
     cases = [(way, older, device) for way, older in ways for device in SHOWN_DEVICES_KG]
-    side = max(traced(_older(scheme, device, older), DELAYS_FRAMES)[1][0] for _, older, device in cases)
+    side = max(traced(_older(form, device, older), DELAYS_FRAMES)[1][0] for _, older, device in cases)
     sheet = Sheet(len(ways), len(SHOWN_DEVICES_KG), row_in=4.2)
     rows: list[list[Any]] = []
     results = []
     for panel, (way, older, device) in zip(np.ravel(sheet.panels), cases, strict=True):
-        found, box = traced(_older(scheme, device, older), DELAYS_FRAMES, to_npm=(side, side))
+        found, box = traced(_older(form, device, older), DELAYS_FRAMES, to_npm=(side, side))
         draw_regions(panel, found, box)
         title(panel, f"{f'{way}, ' if way else ''}devices of {device:g} kg, object of {OBJECT_KG:g} kg")
         rows += [[older, device, *row] for row in region_rows(found, box)]
@@ -78,9 +84,9 @@ def virtual_coupling() -> FigurePage:
     return one_scheme("coupling", "fig6", "Fig. 6: virtual coupling", ways)
 
 
-def _older(scheme: Scheme, device_kg: float, older_frames: int) -> list[LinearSession]:
+def _older(form: Form, device_kg: float, older_frames: int) -> list[LinearSession]:
     """Return the session at each delay, with answers that are so many frames older."""
-    settings = paper_settings(scheme, device_kg)
+    settings = paper_settings(form, device_kg)
     sessions = [linear_session(settings, delay_frames=delay, estimated=False) for delay in DELAYS_FRAMES]
     return [replace(session, people=tuple(_late(one, older_frames) for one in session.people)) for session in sessions]
 
@@ -92,19 +98,19 @@ def _late(person: LinearPerson, frames: int) -> LinearPerson:
 
 def side_by_side() -> FigurePage:
     """Draw the three schemes on the same axes: estimated velocities above, exact ones, as in P, below."""
-    box = max(regions(paper_settings(scheme), DELAYS_FRAMES, estimated=False)[1] for scheme in ("paper", "coupling"))
-    order: tuple[Scheme, ...] = ("coupling", "paper", "passive")
+    box = max(regions(paper_settings(form), DELAYS_FRAMES, estimated=False)[1] for form in ("paper", "coupling"))
+    order: tuple[Form, ...] = ("coupling", "paper", "passive")
     sheet = Sheet(2, len(order), row_in=3.4)
     rows: list[list[Any]] = []
     results: dict[bool, str] = {}
     for line, estimated in zip(sheet.panels, (True, False), strict=True):
-        found = {scheme: _side(scheme, estimated, box) for scheme in order}
-        for panel, scheme in zip(line, order, strict=True):
-            draw_regions(panel, found[scheme], box)
-            title(panel, f"{_SHORT[scheme]}, {'estimated velocity' if estimated else 'idealised'}")
-            rows += [[scheme, estimated, *row] for row in region_rows(found[scheme], box)]
+        found = {form: _side(form, estimated, box) for form in order}
+        for panel, form in zip(line, order, strict=True):
+            draw_regions(panel, found[form], box)
+            title(panel, f"{FORMS[form].short}, {'estimated velocity' if estimated else 'idealised'}")
+            rows += [[form, estimated, *row] for row in region_rows(found[form], box)]
         results[estimated] = "; ".join(
-            f"{SCHEME_NAMES[scheme]} {', '.join(_words(region) for region in found[scheme])}" for scheme in order
+            f"{FORMS[form].title} {', '.join(_words(region) for region in found[form])}" for form in order
         )
     figure = sheet.finish("$K_1$ [kN/m]", ["$K_2$ [kN/m]"] * 2, _delays_legend(), columns=4)
     caption = (
@@ -123,8 +129,8 @@ def side_by_side() -> FigurePage:
     )
 
 
-def _side(scheme: Scheme, estimated: bool, box_npm: tuple[float, float]) -> list[Region]:
-    settings = paper_settings(scheme)
+def _side(form: Form, estimated: bool, box_npm: tuple[float, float]) -> list[Region]:
+    settings = paper_settings(form)
     if estimated:  # P's devices but for their velocities: without friction, to be linear
         device = f"sim:phantom?mass_kg={DEVICE_KG!r}&friction_n=0"
         users = tuple(msgspec.structs.replace(user, device=device) for user in settings.users)
@@ -139,18 +145,18 @@ def _words(region: Region) -> str:
 
 def masses() -> FigurePage:
     """Draw the largest stable stiffness of two users alike over the object's mass, for devices of several masses."""
-    shown: tuple[Scheme, ...] = ("paper", "coupling")
+    shown: tuple[Form, ...] = ("paper", "coupling")
     sheet = Sheet(len(MASS_DELAYS_FRAMES), len(shown), row_in=2.3)
     rows: list[list[Any]] = []
     for row, delay in enumerate(MASS_DELAYS_FRAMES):
-        for column, scheme in enumerate(shown):
+        for column, form in enumerate(shown):
             panel = sheet.panels[row, column]
             for number, device in enumerate(DEVICE_MASSES_KG):
-                limits = [_limit(scheme, device, object_, delay) for object_ in OBJECT_MASSES_KG]
+                limits = [_limit(form, device, object_, delay) for object_ in OBJECT_MASSES_KG]
                 panel.plot(OBJECT_MASSES_KG, limits, **line_style(number))
                 pairs = zip(OBJECT_MASSES_KG, limits, strict=True)
-                rows += [[scheme, delay, device, object_, limit] for object_, limit in pairs]
-            title(panel, f"{SCHEME_NAMES[scheme]}, {frames(delay)} each way")
+                rows += [[form, delay, device, object_, limit] for object_, limit in pairs]
+            title(panel, f"{FORMS[form].title}, {frames(delay)} each way")
             _logarithmic(panel)
             if all(isnan(limit) for *_, limit in rows[-len(DEVICE_MASSES_KG) * len(OBJECT_MASSES_KG) :]):
                 _note(panel, "stable at no stiffness")
@@ -167,8 +173,8 @@ def masses() -> FigurePage:
     return FigurePage("masses", "How the picture depends on masses", caption, figure, FigureTable(columns, rows))
 
 
-def _limit(scheme: Scheme, device_kg: float, object_kg: float, delay_frames: float) -> float:
-    session = linear_session(paper_settings(scheme, device_kg, object_kg), delay_frames=delay_frames, estimated=False)
+def _limit(form: Form, device_kg: float, object_kg: float, delay_frames: float) -> float:
+    session = linear_session(paper_settings(form, device_kg, object_kg), delay_frames=delay_frames, estimated=False)
     return _largest(session) or float("nan")
 
 

@@ -16,7 +16,6 @@ from cogrip.analysis.linear.region import Region, grid_axes
 from cogrip.protocol.settings.sections import Settings
 from cogrip.results.plots.style import INK, LINES, Legend, Sheet, Style, colour, label, title
 
-SCHEME_NAMES = {"paper": "the paper's scheme", "coupling": "virtual coupling", "passive": "cogrip's passive scheme"}
 _PANEL_IN = 4.6
 COLUMNS = ("delay_frames", "kind", "stiffness_0_npm", "stiffness_1_npm", "radius_inside", "radius_outside")
 
@@ -30,7 +29,7 @@ def region_page(
     draw_regions(sheet.panels[0, 0], regions, box_npm)
     names = [label(person.name) for person in session.people[:2]]
     idealised = "" if estimated else ", idealised: exact velocities"
-    title(sheet.panels[0, 0], f"Stable region, {SCHEME_NAMES[session.scheme]}{idealised}")
+    title(sheet.panels[0, 0], f"Stable region, {session.traits.title}{idealised}")
     figure = sheet.finish(
         f"stiffness of {names[0]} [kN/m]", [f"stiffness of {names[1]} [kN/m]"], legend_of(regions), columns=2
     )
@@ -140,7 +139,7 @@ def region_record(
     return {
         "question": {
             "settings": msgspec.to_builtins(settings),
-            "scheme": session.scheme,
+            "scheme": session.form,
             "hands": hands,
             "estimated": estimated,
             "delays_frames": [region.delay_frames for region in regions],

@@ -11,7 +11,7 @@ import numpy as np
 
 from cogrip.analysis.feel.feel import on_wall, slow_feel
 from cogrip.analysis.figures.page import FigurePage, FigureTable
-from cogrip.analysis.linear.linear_session import linear_session, scheme_overrides
+from cogrip.analysis.linear.linear_session import form_overrides, linear_session
 from cogrip.analysis.linear.state_space import Array
 from cogrip.protocol.settings.room import resolve
 from cogrip.protocol.settings.sections import Settings
@@ -56,7 +56,7 @@ def contacts() -> list[ContactRun]:
     """Run P's scheme, ours as it is, and ours with the line's compliance compensated, at both delays."""
     found = []
     for td_ms in TD_MS:
-        found.append(_run("the paper's scheme", td_ms, wall_settings(td_ms, **scheme_overrides("paper"))))
+        found.append(_run("the paper's scheme", td_ms, wall_settings(td_ms, **form_overrides("paper"))))
         found.append(_run("ours, b = 20 N s/m", td_ms, wall_settings(td_ms)))
         b = _enough_impedance(td_ms)
         compensated = wall_settings(td_ms, **{"coupling.compensate": True, "coupling.impedance_nspm": b})

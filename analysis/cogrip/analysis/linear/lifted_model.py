@@ -33,15 +33,15 @@ from functools import reduce
 import numpy as np
 
 from cogrip.analysis.linear.client_blocks import coupled_frame, wave_filter, wave_frame
-from cogrip.analysis.linear.linear_session import LinearPerson, LinearSession, Scheme
+from cogrip.analysis.linear.linear_session import Form, LinearPerson, LinearSession
 from cogrip.analysis.linear.server_blocks import coupled_step, paper_step, passive_step
 from cogrip.analysis.linear.state_space import Array, Complex, StateSpace, delay, diagonal, series
 from cogrip.protocol.settings.rates import Rates
 
 
 @dataclass(frozen=True, slots=True)
-class SchemeParts:
-    """The parts of a scheme.
+class FormParts:
+    """The parts of a form.
 
     width         signals in each direction of a user's line
     server_delay  frames from what a client sends to the answer in its ticks, without a link
@@ -59,10 +59,10 @@ def _wave_client(person: LinearPerson, stiffness: Array, rates: Rates) -> StateS
     return wave_frame(person, rates)  # K is the server's alone
 
 
-KINDS: dict[Scheme, SchemeParts] = {
-    "passive": SchemeParts(_wave_client, passive_step, 1, 1, False),
-    "paper": SchemeParts(_wave_client, paper_step, 1, 1, False),
-    "coupling": SchemeParts(coupled_frame, coupled_step, 2, 0, True),
+KINDS: dict[Form, FormParts] = {
+    "passive": FormParts(_wave_client, passive_step, 1, 1, False),
+    "paper": FormParts(_wave_client, paper_step, 1, 1, False),
+    "coupling": FormParts(coupled_frame, coupled_step, 2, 0, True),
 }
 
 
@@ -81,7 +81,7 @@ class LiftedModel:
 
     def __init__(self, session: LinearSession) -> None:
         self.session = session
-        self.kind = kind = KINDS[session.scheme]
+        self.kind = kind = KINDS[session.form]
         self.users = len(session.people)
         self._ups = [
             reduce(series, (*wave_filter(person), delay(kind.width, person.up_frames))) for person in session.people

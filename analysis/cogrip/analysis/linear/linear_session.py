@@ -31,15 +31,21 @@ from cogrip.protocol.settings.seat import SeatSettings
 from cogrip.protocol.settings.sections import Settings, User
 from cogrip.protocol.settings.types import Decimator, Encoder, ServerStep
 
-Scheme = Literal["passive", "paper", "coupling"]
+Form = Literal["passive", "paper", "coupling"]
 MOST_FRAMES = 256
 
 
-class Form(NamedTuple):
-    """One form of linear model: its name in sentences, and the settings that ask for it (P's has P's filter and encoder)."""
+class FormRow(NamedTuple):
+    """One form of linear model, and the settings that ask for it: P's has P's filter and encoder.
+
+    title, short  its names in figures, where it stands beside the others, and in a narrow place
+    lagged        the server's step uses each spring's force of the step before, and sees its stretch before the hand moves
+    """
 
     title: str
+    short: str
     kind: Kind
+    lagged: bool
     step: ServerStep = "passive"
     decimator: Decimator | None = None
     encoder: Encoder | None = None
@@ -50,17 +56,22 @@ class Form(NamedTuple):
         return COUPLING_KINDS[self.kind].waves
 
     @property
+    def passive(self) -> bool:
+        """True where the server makes no energy of what comes through its lines."""
+        return COUPLING_KINDS[self.kind].passive and self.step == "passive"
+
+    @property
     def damper_key(self) -> str:
         """Key of [coupling], and field of `LinearPerson`, of the damper that a device renders."""
         return COUPLING_KINDS[self.kind].damper.key
 
 
-FORMS: dict[Scheme, Form] = {
-    "passive": Form("passive scheme", "wave"),
-    "paper": Form("the paper's scheme", "wave", "paper", "lowpass", "velocity"),
-    "coupling": Form("virtual coupling", "coupling"),
+FORMS: dict[Form, FormRow] = {
+    "passive": FormRow("cogrip's passive scheme", "cogrip", "wave", False),
+    "paper": FormRow("the paper's scheme", "the paper's scheme", "wave", True, "paper", "lowpass", "velocity"),
+    "coupling": FormRow("virtual coupling", "virtual coupling", "coupling", False),
 }
-"""Form of each scheme. passive: waves and theory section 3's server step; paper: P eq. 12-18; coupling: theory section 5."""
+"""Row of each form. passive: waves and theory section 3's server step; paper: P eq. 12-18; coupling: theory section 5."""
 
 
 class ModelError(ValueError):
@@ -148,7 +159,7 @@ class LinearSession:
     frame_s: T_n, everybody's; device ticks are each person's own. local: each client renders its own contact
     """
 
-    scheme: Scheme
+    form: Form
     frame_s: float
     people: tuple[LinearPerson, ...]
     fixed: bool
@@ -158,12 +169,17 @@ class LinearSession:
     local: bool = False
 
     @property
+    def traits(self) -> FormRow:
+        """Properties of its form."""
+        return FORMS[self.form]
+
+    @property
     def stiffness_npm(self) -> tuple[float, ...]:
         return tuple(person.stiffness_npm for person in self.people)
 
 
-def scheme_of(coupling: Coupling) -> Scheme:
-    """Return the scheme of the settings. Raises ModelError for one that is not linear."""
+def form_of(coupling: Coupling) -> Form:
+    """Return the form of a scheme's linear model. Raises ModelError for one that is not linear."""
     if coupling.traits.linear is None:
         raise ModelError(
             f'coupling.kind = "{coupling.kind}": a passivity controller or an energy gate is not linear, so there is no '
@@ -174,10 +190,10 @@ def scheme_of(coupling: Coupling) -> Scheme:
     return "paper" if coupling.server_step == "paper" else coupling.traits.linear
 
 
-def scheme_overrides(scheme: Scheme) -> dict[str, str]:
-    """Return the settings that ask for a `scheme`."""
-    form = FORMS[scheme]
-    keys = {"kind": form.kind, "server_step": form.step, "decimator": form.decimator, "encoder": form.encoder}
+def form_overrides(form: Form) -> dict[str, str]:
+    """Return the settings that ask for a form."""
+    row = FORMS[form]
+    keys = {"kind": row.kind, "server_step": row.step, "decimator": row.decimator, "encoder": row.encoder}
     return {f"coupling.{key}": value for key, value in keys.items() if value is not None}
 
 
@@ -238,21 +254,21 @@ def _person(seat: SeatSettings, capability: Capability, delay_frames: float | No
 
 
 def _session(seat: SeatSettings, people: Sequence[LinearPerson]) -> LinearSession:
-    scheme, kind = scheme_of(seat.coupling), seat.object.kind
+    form, kind = form_of(seat.coupling), seat.object.kind
     if not kind_of(kind).spring:
         raise ModelError(
             f'object.kind = "{kind}" has no linear model: its world alone says how it moves; try it with `cogrip lab`'
         )
     local = seat.coupling.traits.local
     traits = kind_of(kind)
-    if traits.one_sided and not traits.fixed and scheme != "passive" and not local:
+    if traits.one_sided and not traits.fixed and not FORMS[form].passive and not local:
         raise ModelError(
-            f'scheme "{scheme}" does not fit object.kind = "{kind}": there contact comes and goes, and for a step that is '
+            f'scheme "{form}" does not fit object.kind = "{kind}": there contact comes and goes, and for a step that is '
             "not passive a model of lasting contact would promise too much; "
             'use object.kind = "cube" or "wall", or scheme "passive"'
         )
     return LinearSession(
-        scheme=scheme,
+        form=form,
         frame_s=seat.rates.frame_s,
         people=tuple(people),
         fixed=local or traits.fixed,  # to a client its own contact is hardest where the face behind it stands still

@@ -28,7 +28,7 @@ import numpy as np
 
 from cogrip.analysis.linear.client_blocks import gliding, kept_waves, pressed, sent_later
 from cogrip.analysis.linear.lifted_model import LiftedModel
-from cogrip.analysis.linear.linear_session import FORMS, LinearPerson
+from cogrip.analysis.linear.linear_session import LinearPerson
 from cogrip.analysis.linear.state_space import Array
 
 
@@ -50,7 +50,7 @@ class Rigid:
     def __init__(self, model: LiftedModel, stiffness_npm: Array | None = None) -> None:
         K = np.array(model.session.stiffness_npm) if stiffness_npm is None else stiffness_npm
         some = tuple(K.reshape(-1, model.users)[0].tolist())
-        waves = FORMS[model.session.scheme].waves
+        waves = model.session.traits.waves
         found = [*_of_waves(model, some), *_tensions(model, K)] if waves else _of_coupling(model, some)
         self.names = tuple(freedom.name for freedom in found)
         vectors = np.broadcast_arrays(np.zeros(model.states), *(freedom.vector for freedom in found))
@@ -136,7 +136,7 @@ def _pull(model: LiftedModel, user: int, force: Array, stiffness: Array, vector:
         vector[..., own][..., states] = each * force[..., None]
     vector[..., layout.ups[user]], vector[..., layout.downs[user]] = wave, -wave
     vector[..., layout.server.start + user] = force / stiffness
-    if model.session.scheme == "paper":
+    if model.session.traits.lagged:
         vector[..., layout.server.stop - model.users + user] = force
 
 
@@ -170,7 +170,7 @@ def _glide(model: LiftedModel, user: int, vector: Array) -> None:
     if (later := sent_later(person)) or person.decimator == "lowpass":
         own[-1] = (later or 1.0) * wave
     vector[layout.ups[user]] = vector[layout.downs[user]] = wave
-    if session.scheme == "paper":
+    if session.traits.lagged:
         vector[layout.server.start + user] = -session.frame_s
 
 

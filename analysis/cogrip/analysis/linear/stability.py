@@ -13,7 +13,7 @@ from typing import NamedTuple
 import numpy as np
 
 from cogrip.analysis.linear.lifted_model import LiftedModel
-from cogrip.analysis.linear.linear_session import Scheme
+from cogrip.analysis.linear.linear_session import Form
 from cogrip.analysis.linear.rigid_motion import Rigid
 from cogrip.analysis.linear.state_space import Array
 
@@ -34,7 +34,7 @@ class StabilityVerdict:
     `decaying`: of the other eigenvalues.
     """
 
-    scheme: Scheme
+    form: Form
     spectral_radius: float
     decaying: float
     structural: tuple[str, ...]
@@ -50,7 +50,7 @@ def verdict(model: LiftedModel) -> StabilityVerdict:
     rigid = Rigid(model)
     decaying = float(_along(modes(model), np.ones(1))[0])
     whole = max(1.0, decaying) if rigid.names else decaying
-    return StabilityVerdict(model.session.scheme, whole, decaying, rigid.names, model.states)
+    return StabilityVerdict(model.session.form, whole, decaying, rigid.names, model.states)
 
 
 def radius(model: LiftedModel, stiffness_npm: Array) -> Array:

@@ -27,7 +27,7 @@ def stated(settings: Settings) -> RateChoice:
 
 def measured(settings: Settings) -> RateChoice:
     """Choose by the time that the room's frame takes here, at the rate that devices and link would have."""
-    from cogrip.server.frame_cost import frame_cost
+    from cogrip.sim.frame_cost import frame_cost
 
     fastest = replace(settings, rates=replace(settings.rates, network_hz=best_network_hz(settings, 0.0)))
     cost = frame_cost(fastest, time.monotonic_ns, _wait_until)

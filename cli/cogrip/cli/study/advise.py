@@ -215,7 +215,7 @@ def _record(advice: Advice, session: LinearSession, change: Change | None, check
     for number, user in enumerate(users):
         user["delay_ms"] = {f"{each.direction} {each.name}": 1e3 * each.delay_s for each in budget(session, number)}
     return {
-        "scheme": advice.verdict.scheme, "stable": advice.verdict.stable,
+        "scheme": advice.verdict.form, "stable": advice.verdict.stable,
         "spectral_radius": advice.verdict.spectral_radius, "radius_without_structural": advice.verdict.decaying,
         "largest_stable_stiffness_npm": advice.limit.stiffness_npm, "stiffness_npm": advice.stiffness_npm,
         "conditions": AS_IT_STANDS.conditions, "users": users,

@@ -8,12 +8,12 @@ from cyclopts import Parameter
 
 from cogrip.analysis.linear.lifted_model import LiftedModel
 from cogrip.analysis.linear.linear_session import (
+    Form,
     LinearSession,
     ModelError,
-    Scheme,
+    form_overrides,
     linear_session,
     rounding_notes,
-    scheme_overrides,
 )  # fmt: skip
 from cogrip.cli.settings.settings_file import load
 from cogrip.cli.terminal.output import Json, make_console
@@ -30,7 +30,7 @@ class Query:
     """The linear session that a settings file stands for."""
 
     scheme: Annotated[
-        Scheme | None,
+        Form | None,
         Parameter(
             help="Analyse it as this scheme; paper brings its filter (lowpass) and encoder (velocity). Else the file's."
         ),
@@ -58,7 +58,7 @@ class Query:
 
     def settings(self, config: Path) -> Settings:
         """Return the file's settings as a session of the scheme; `--set` overrides both. Raises BadInput."""
-        of_scheme = scheme_overrides(self.scheme) if self.scheme else {}
+        of_scheme = form_overrides(self.scheme) if self.scheme else {}
         flags = dict.fromkeys(of_scheme, f"--scheme {self.scheme}")
         return load(config, [*(f"{key}={value}" for key, value in of_scheme.items()), *self.overrides], flags=flags)
 

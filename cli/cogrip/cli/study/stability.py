@@ -29,13 +29,13 @@ def radius(config: Config, /, *, query: ModelQuery = AS_IT_STANDS) -> int:
     free = {one.name: judged for number, one in enumerate(session.people) if (judged := free_end(session, number))}
     if query.json:
         answer = {
-            "scheme": found.scheme, "spectral_radius": found.spectral_radius, "structural": len(found.structural),
+            "scheme": found.form, "spectral_radius": found.spectral_radius, "structural": len(found.structural),
             "states": found.states, "stable": found.stable,
         }  # fmt: skip
         write_json(answer, query.json)
         return 0
     console = make_console()
-    say(console, f"{FORMS[found.scheme].title}: {'stable' if found.stable else 'NOT stable'}")
+    say(console, f"{FORMS[found.form].title}: {'stable' if found.stable else 'NOT stable'}")
     say(console, f"spectral radius {found.spectral_radius:.6g}; without structural eigenvalues {found.decaying:.6g}")
     say(console, f"{found.states} states; structural eigenvalues at 1: {', '.join(found.structural) or 'none'}")
     for name, judged in free.items():
@@ -66,7 +66,7 @@ def limit(config: Config, /, *, query: ModelQuery = AS_IT_STANDS) -> int:
     if found.stable_again:
         text += ", and again at some stiffness beyond"
     console = make_console()
-    say(console, f"{FORMS[model.session.scheme].title}: {text}")
+    say(console, f"{model.session.traits.title}: {text}")
     say(console, f"({query.conditions})")
     return 0
 

@@ -22,6 +22,7 @@ class CouplingKind(NamedTuple):
                     scene may have poses and has an energy limiter, and the line can be tuned live
     local           the client renders contact itself, so that its force does not wait for the line
     passive         creates no energy, given the passive server step and a decimator that creates none
+    gated           a gate at each hand's own spring bounds what it gets, and no line carries energy (theory 5b)
     own_frame       the server answers with the object in each person's own frame, from where that hand began
     any_world       fits worlds of other packages and grippers
     cube_alone      fits a free object that is held from all sides, and nothing else
@@ -35,6 +36,7 @@ class CouplingKind(NamedTuple):
     frame: Literal["Waves", "State", "Power", "Partner"]
     local: bool
     passive: bool
+    gated: bool
     own_frame: bool
     any_world: bool
     cube_alone: bool
@@ -50,11 +52,6 @@ class CouplingKind(NamedTuple):
         return self.frame == "Waves"
 
     @property
-    def gated(self) -> bool:
-        """True where a gate at each hand's own spring bounds what it gets, and no line carries energy (theory 5b)."""
-        return self.frame == "Partner"
-
-    @property
     def copies(self) -> str:
         """Sentence for whoever looks at the object where each hand feels another copy of it; "" where there is one object."""
         return "Shown is the server's copy of the object: each hand feels a copy of its own." if self.gated else ""
@@ -68,24 +65,24 @@ class CouplingKind(NamedTuple):
 _IMPEDANCE, _DAMPING = DamperRow("b", "impedance_nspm"), DamperRow("B", "damping_nspm")
 COUPLING_KINDS: dict[Kind, CouplingKind] = {
     "wave": CouplingKind(
-        frame="Waves", local=False, passive=True, own_frame=False, any_world=True, cube_alone=False, paper_step=True,
-        damper=_IMPEDANCE, softer_key="impedance_nspm", linear="passive", advised_frames=96,
+        frame="Waves", local=False, passive=True, gated=False, own_frame=False, any_world=True,
+        cube_alone=False, paper_step=True, damper=_IMPEDANCE, softer_key="impedance_nspm", linear="passive", advised_frames=96,
     ),
     "local": CouplingKind(  # its linear model is that of each client's own contact, which has no delay
-        frame="Waves", local=True, passive=True, own_frame=False, any_world=False, cube_alone=False, paper_step=False,
-        damper=_DAMPING, softer_key="stiffness_npm", linear="coupling", advised_frames=512,
+        frame="Waves", local=True, passive=True, gated=False, own_frame=False, any_world=False,
+        cube_alone=False, paper_step=False, damper=_DAMPING, softer_key="stiffness_npm", linear="coupling", advised_frames=512,
     ),
     "coupling": CouplingKind(
-        frame="State", local=False, passive=False, own_frame=True, any_world=False, cube_alone=False, paper_step=False,
-        damper=_DAMPING, softer_key="stiffness_npm", linear="coupling", advised_frames=40,
+        frame="State", local=False, passive=False, gated=False, own_frame=True, any_world=False,
+        cube_alone=False, paper_step=False, damper=_DAMPING, softer_key="stiffness_npm", linear="coupling", advised_frames=40,
     ),
     "tdpa": CouplingKind(
-        frame="Power", local=False, passive=True, own_frame=False, any_world=False, cube_alone=False, paper_step=False,
-        damper=_IMPEDANCE, softer_key="stiffness_npm", linear=None, advised_frames=512,
+        frame="Power", local=False, passive=True, gated=False, own_frame=False, any_world=False,
+        cube_alone=False, paper_step=False, damper=_IMPEDANCE, softer_key="stiffness_npm", linear=None, advised_frames=512,
     ),
     "partner": CouplingKind(
-        frame="Partner", local=False, passive=True, own_frame=True, any_world=False, cube_alone=True, paper_step=False,
-        damper=_DAMPING, softer_key="stiffness_npm", linear=None, advised_frames=512,
+        frame="Partner", local=False, passive=True, gated=True, own_frame=True, any_world=False,
+        cube_alone=True, paper_step=False, damper=_DAMPING, softer_key="stiffness_npm", linear=None, advised_frames=512,
     ),
 }  # fmt: skip
 

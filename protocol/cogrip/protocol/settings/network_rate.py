@@ -1,7 +1,7 @@
 """`rates.network_hz = "auto"`: the frame rate at which the loop is shortest, of those that device loop, link and server bear.
 
 What a frame takes the server is stated here, so that everybody who reads a file has the same rate, or measured where one is
-served (`cogrip.server.frame_cost`). Every run is written with a number.
+served (`cogrip.sim.frame_cost`). Every run is written with a number.
 """
 
 from collections.abc import Mapping, Sequence

@@ -9,15 +9,18 @@ import pytest
 from cogrip.cli.session.network_rate import RateChoices, stated
 from cogrip.cli.settings.settings_file import load
 from cogrip.cli.settings.shipped_settings import shipped_scene
+from cogrip.protocol.settings.coupling_kinds import COUPLING_KINDS
 from cogrip.protocol.settings.network_rate import OUTSIDE_S, PERSON_S, RATES_HZ, SERVER_SHARE, RateChoice
 from cogrip.protocol.settings.room import best_network_hz, for_remote_clients, resolve
 from cogrip.protocol.settings.sections import Settings
-from cogrip.server import frame_cost as module
 from cogrip.server.checkpoint import encode
-from cogrip.server.frame_cost import PAUSE_NS, SPENT_NS, WARM, frame_cost
 from cogrip.server.io.checkpoint_file import CheckpointWriter
 from cogrip.server.io.state_folder import make_folder
 from cogrip.server.room import Room
+from cogrip.sim import frame_cost as module
+from cogrip.sim.frame_cost import PAUSE_NS, SPENT_NS, WARM, frame_cost
+
+from tests.kinds import SCHEMES, objects_of
 
 
 class VirtualClock:
@@ -58,11 +61,12 @@ def rooms(monkeypatch: pytest.MonkeyPatch) -> list[Room]:
 @pytest.mark.parametrize(
     ("kind", "coupling"),
     [
-        ("cube", "wave"), ("cube", "coupling"), ("cube", "tdpa"), ("cube", "partner"),
-        ("wall", "local"), ("faces", "local"), ("scene", "wave"),
-        ("scene", "local"), ("scene", "coupling"), ("poses", "wave"), ("poses", "local"),
+        (thing, scheme)
+        for scheme in SCHEMES
+        for traits in [COUPLING_KINDS[scheme]]
+        for thing in (*objects_of(scheme), *["scene"] * (not traits.cube_alone), *["poses"] * traits.waves)
     ],
-)  # fmt: skip
+)
 def test_the_rooms_own_frame_is_timed_with_everybody_holding_on(kind: str, coupling: str, rooms: list[Room]) -> None:
     clock = VirtualClock(2_000_000)
     cost = frame_cost(room(kind, coupling={"kind": coupling}), clock.read, clock.wait)
