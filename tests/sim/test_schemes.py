@@ -1,6 +1,7 @@
 """Every coupling scheme and every kind of object has its row in each table that is indexed by it, and is named nowhere else."""
 
-import re
+import ast
+from collections.abc import Set
 from pathlib import Path
 from typing import get_args
 
@@ -40,26 +41,65 @@ def test_the_settings_of_a_form_ask_for_it(form: Form) -> None:
     assert hasattr(linear_session(settings).people[0], FORMS[form].damper_key)
 
 
+NAMES = {*KINDS, *OBJECT_KINDS}
+PACKAGES = (
+    "machine", "protocol", "devices", "client", "server", "sim", "results", "analysis", "experiments", "view", "api", "cli",
+)  # fmt: skip
+OTHERS = {
+    "protocol/cogrip/protocol/settings/coupling_kinds.py": "the names themselves",
+    "experiments/cogrip/experiments/methods/method.py": "a section of settings is called coupling",
+    "analysis/cogrip/analysis/figures/paper_regions.py": "the forms of linear model that the paper has figures of",
+}
+"""Modules in which such a comparison or list is of something else, and of what."""
+
+
+def is_name(node: ast.AST | None, names: Set[str]) -> bool:
+    return isinstance(node, ast.Constant) and node.value in names
+
+
+def names_in(node: ast.AST, names: Set[str]) -> bool:
+    """Return whether this is one of the names, or a tuple, list or set with one of them."""
+    return is_name(node, names) or (
+        isinstance(node, ast.Tuple | ast.List | ast.Set) and any(is_name(each, names) for each in node.elts)
+    )
+
+
+def names_a_kind(node: ast.AST) -> bool:
+    """Return whether this decides by the name of a kind: a comparison, a case, a table on the spot, or a list by hand."""
+    match node:
+        case ast.Compare(left=left, comparators=others):
+            return any(names_in(side, NAMES) for side in (left, *others))
+        case ast.MatchValue(value=value):
+            return is_name(value, NAMES)
+        case ast.Subscript(value=ast.Dict(keys=keys)) | ast.Attribute(value=ast.Dict(keys=keys), attr="get"):
+            return any(is_name(key, NAMES) for key in keys)
+        case ast.Tuple(elts=[_, _, *_] as each) | ast.List(elts=[_, _, *_] as each) | ast.Set(elts=[_, _, *_] as each):
+            return all(is_name(name, {*NAMES, *METHODS}) for name in each)
+    return False
+
+
+@pytest.mark.parametrize(
+    ("source", "found"),
+    [
+        ('self.local_contact == "faces"', True), ('row.get("local") != "scene"', True), ('"wall" == kind', True),
+        ('dig(summary, "object", "kind") != "scene"', True), ('(key, value) != ("coupling.kind", "local")', True),
+        ('kind in ("wave", "local")', True), ('kind not in {"cube"}', True), ('{"wave": 1}.get(kind, 2)', True),
+        ('{"wave": 1}[kind]', True), ('OURS = ("wave", "tuned")', True), ("match kind:\n case 'partner': pass", True),
+        ('kind == "other"', False), ('dig(summary, "object", "kind") != other', False), ('f("wave")', False),
+        ('yield "coupling.kind", "wave"', False), ('TABLE = {"wave": 1, "local": 2}', False), ('row["local"] == x', False),
+    ],
+)  # fmt: skip
+def test_a_decision_by_the_name_of_a_kind_is_found(source: str, found: bool) -> None:
+    assert any(map(names_a_kind, ast.walk(ast.parse(source)))) == found
+
+
 def test_a_kind_is_named_in_tables_alone() -> None:
-    name = f'"(?:{"|".join((*KINDS, *OBJECT_KINDS))})"'
-    asked = re.compile(rf'\bkind (?:[!=]= |in [(\[{{](?:"\w*", ?)*){name}|\{{{name}:[^\n]*\}}\.get\(')
     found = {
-        str(path.relative_to(ROOT))
-        for package in (
-            "machine",
-            "protocol",
-            "client",
-            "server",
-            "sim",
-            "results",
-            "analysis",
-            "experiments",
-            "view",
-            "api",
-            "cli",
-        )
+        f"{path.relative_to(ROOT)}: {ast.unparse(node)}"
+        for package in PACKAGES
         for path in (ROOT / package).rglob("*.py")
-        if asked.search(path.read_text())
+        for node in ast.walk(ast.parse(path.read_text()))
+        if names_a_kind(node) and path.relative_to(ROOT).as_posix() not in OTHERS
     }
     assert not found, "its row says what it is"
 

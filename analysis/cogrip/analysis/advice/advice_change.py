@@ -19,6 +19,7 @@ from cogrip.analysis.linear.stability import Limit
 from cogrip.client.safety.rendered_damper import rounded_down
 from cogrip.devices.device import DeviceError
 from cogrip.machine.addition import add_integers
+from cogrip.protocol.settings.coupling_kinds import COUPLING_KINDS
 from cogrip.protocol.settings.room import resolve
 from cogrip.protocol.settings.sections import Settings
 from cogrip.protocol.settings.table import SettingsError
@@ -209,7 +210,7 @@ def score_of(advice: Advice, asked_npm: Sequence[float]) -> Score:
 
 def besides(settings: Settings, now: Advice, key: str, value: Any) -> tuple[tuple[str, Any], ...]:
     """Return what has to be set with a change: damper and spring of a contact, where devices do not carry them."""
-    if (key, value) != ("coupling.kind", "local"):
+    if key != "coupling.kind" or not COUPLING_KINDS[value].local:
         return ()
     bounds = {
         "damping_nspm": min(user.largest_impedance_nspm for user in now.users),

@@ -15,7 +15,7 @@ from cogrip.cli.terminal.parameters import Overrides
 from cogrip.cli.terminal.problem import BadInput
 from cogrip.cli.worlds.scene_check import SUFFIXES, check_scene, shown_on
 from cogrip.machine.addition import add_integers
-from cogrip.protocol.settings.object_kinds import KINDS, PYTHON, split_python
+from cogrip.protocol.settings.object_kinds import KINDS, PYTHON, kind_of, split_python
 from cogrip.protocol.settings.room import resolve, seat_settings
 from cogrip.protocol.settings.sections import Settings
 from cogrip.protocol.settings.table import SettingsError
@@ -84,8 +84,8 @@ def _cases(world: str) -> dict[str, Subject]:
         if not settings.coupling.traits.felt_through_waves:
             raise BadInput(f'{world}: coupling.kind = "{settings.coupling.kind}": only worlds for waves are checked')
         return dict([_case(settings)])
-    if world == "scene":
-        raise BadInput("scene: which one? Give settings with it, such as lift")
+    if kind_of(world).scene:
+        raise BadInput(f"{world}: which one? Give settings with it, such as lift")
     kind = world
     if world.startswith(PYTHON):
         file, name = split_python(world)

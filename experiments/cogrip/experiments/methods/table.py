@@ -19,7 +19,7 @@ from cogrip.experiments.methods.method import METHODS
 from cogrip.experiments.methods.query import FELT_SEEDS, ComparisonQuery
 from cogrip.machine.addition import add_integers
 from cogrip.protocol.version import VERSION
-from cogrip.results.reading.summary_values import dig, is_number, lent_j
+from cogrip.results.reading.summary_values import dig, is_number, lent_j, object_of
 from cogrip.results.verdict.judgement import Tone
 
 FELT = "felt_error_percent"
@@ -70,7 +70,7 @@ SCENE_TABLE = (
 
 def columns_of(summary: Mapping[str, Any]) -> tuple[TableColumn, ...]:
     """Return the columns of a comparison's table: a scene has no stiffness that is asked for, but slip and lift."""
-    return SCENE_TABLE if dig(summary, "asked", "settings", "object", "kind") == "scene" else TABLE
+    return SCENE_TABLE if object_of(dig(summary, "asked", "settings")).scene else TABLE
 
 
 def gather(asked: ComparisonQuery, results: Mapping[int, Result]) -> dict[str, Any]:

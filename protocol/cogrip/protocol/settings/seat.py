@@ -93,7 +93,9 @@ class SeatSettings(msgspec.Struct, frozen=True, array_like=True):
     @property
     def copy_kg(self) -> float:
         """Mass of a client's own copy of a free object, as much as the server keeps where everybody is there; 0 without one."""
-        return self.object.mass_kg / (self.people + 1) if self.local_contact == "faces" else 0.0
+        traits = kind_of(self.object.kind)
+        copied = self.coupling.traits.local and not (traits.fixed or traits.scene)
+        return self.object.mass_kg / (self.people + 1) if copied else 0.0
 
     @property
     def holds_still(self) -> bool:

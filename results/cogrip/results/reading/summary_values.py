@@ -4,6 +4,7 @@ import math
 from typing import Any
 
 from cogrip.protocol.settings.coupling_kinds import COUPLING_KINDS, UNLENT_MJ, CouplingKind, lent_mj
+from cogrip.protocol.settings.object_kinds import ObjectKind, kind_of
 
 Summary = dict[str, Any]
 UNKNOWN = "not known"
@@ -129,6 +130,12 @@ def traits_of(settings: Any) -> CouplingKind | None:
     """Return the properties of the coupling of a run, by its settings; None where they do not tell."""
     kind = dig(settings, "coupling", "kind")
     return COUPLING_KINDS.get(kind) if isinstance(kind, str) else None  # type: ignore[call-overload]
+
+
+def object_of(settings: Any) -> ObjectKind:
+    """Return the properties of a run's object, by its settings; those of a kind that is not known where they do not tell."""
+    kind = dig(settings, "object", "kind")
+    return kind_of(kind if isinstance(kind, str) else "")
 
 
 def lent_j(settings: Any) -> float | None:

@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, NamedTuple
 
 from cogrip.results.reading.folder import write_whole
-from cogrip.results.reading.summary_values import dig, number, traits_of
+from cogrip.results.reading.summary_values import number, object_of, traits_of
 from cogrip.results.reading.traces import MOST_PEOPLE, TracedRun, load_run
 from cogrip.results.report.tables import dropped_table, people_table, room_table, settings_tables
 from cogrip.results.verdict.judgement import Tone
@@ -52,7 +52,7 @@ def draw_plots(run: TracedRun) -> list[Picture]:
     for plot in PLOT_TABLE:
         file = folder / f"{plot.name}.png"
         file.unlink(missing_ok=True)
-        if plot.scene and dig(run.settings, "object", "kind") != "scene":
+        if plot.scene and not object_of(run.settings).scene:
             continue
         drawn = picture(plot.heading, plot.caption, plot.draw, run)
         if drawn.png is not None:

@@ -2,6 +2,7 @@
 
 from collections.abc import Callable, Iterator
 
+from cogrip.protocol.settings.object_kinds import ObjectKind, kind_of
 from cogrip.results.reading.summary_values import FORCELESS, Summary, dig, is_number, name_of, number, people
 from cogrip.results.verdict.judgement import Judgement, Tone, UserValues, names_of, occupied, some
 
@@ -91,7 +92,7 @@ def _unknown_stiffness(held: list[UserValues]) -> str:
         )
     if not unknown:
         return ""
-    if resting := names_of(row for row in unknown if row.get("local") == "scene"):
+    if resting := names_of(row for row in unknown if _contact(row).scene):
         return f"{some(resting)} rested on no fixed shape that a client renders"
     why = next((f" ({row['not_predicted']})" for row in unknown if row.get("not_predicted")), "")
     return f"that of {some(names_of(unknown))} was neither measured at rest nor can be predicted{why}"
@@ -197,6 +198,11 @@ def not_predicted(row: UserValues, credit_j: float) -> str:
     return ""
 
 
+def _contact(row: UserValues) -> ObjectKind:
+    """Return the properties of the object with which a client rendered contact itself; of an unknown one without that."""
+    return kind_of(str(row.get("local", "")))
+
+
 def _value(row: UserValues, key: str) -> float | None:
     return float(row[key]) if is_number(row.get(key)) else None
 
@@ -204,7 +210,7 @@ def _value(row: UserValues, key: str) -> float | None:
 def _replaced(row: UserValues) -> tuple[float, str]:
     """Return the share of frames that were not there in time, `from` or `to` the person, whichever is larger; none of a wall
     that the client renders itself, which no frame carries."""
-    if row.get("local") == "wall":
+    if _contact(row).fixed:
         return 0.0, "to"
     return max((_share(row, "up", "concealed"), "from"), (_share(row, "down", "concealed"), "to"))
 
