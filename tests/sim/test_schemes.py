@@ -3,7 +3,7 @@
 import ast
 from collections.abc import Set
 from pathlib import Path
-from typing import get_args
+from typing import Any, get_args
 
 import numpy as np
 import pytest
@@ -14,13 +14,17 @@ from cogrip.analysis.linear.linear_session import FORMS, Form, form_of, form_ove
 from cogrip.cli.settings.shipped_settings import shipped_scene
 from cogrip.client.coupling import schemes as client_schemes
 from cogrip.experiments.methods.method import METHODS
-from cogrip.protocol.settings.coupling_kinds import COUPLING_KINDS, Kind
+from cogrip.protocol.settings.coupling_kinds import COUPLING_KINDS, CouplingKind, Kind
 from cogrip.protocol.settings.object_kinds import KINDS as OBJECT_KINDS
+from cogrip.protocol.settings.object_kinds import ObjectKind
 from cogrip.protocol.settings.room import resolve, seat_settings
+from cogrip.protocol.settings.table import SettingsError
 from cogrip.protocol.wire.messages import FRAMES, Frame
 from cogrip.protocol.wire.session import FOR_CLIENTS
 from cogrip.server import schemes as server_schemes
-from cogrip.server.worlds.registry import WORLDS
+from cogrip.server.worlds.grip import GripWorld
+from cogrip.server.worlds.push import PushWorld
+from cogrip.server.worlds.registry import WORLDS, world_class_of
 
 ROOT = Path(__file__).parents[2]
 KINDS = get_args(Kind)
@@ -117,6 +121,38 @@ def test_every_kind_of_object_has_a_world(kind: str) -> None:
     seat = seat_settings(settings, 0)
     assert server_schemes.make_room_world(settings, [seat]).axes == seat.object.axes
     assert (kind in WORLDS) == (kind != "scene")
+
+
+def test_a_plain_kind_has_no_world_of_its_own() -> None:
+    """Worlds of other schemes go by the traits alone, and would step another thing than the world for waves does."""
+    for kind, traits in OBJECT_KINDS.items():
+        if traits.plain:
+            assert world_class_of(kind).make is (GripWorld if traits.held else PushWorld), "else it is not plain"
+
+
+class Rope(GripWorld):
+    """A world of its own."""
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_a_kind_with_a_world_of_its_own_is_refused_by_schemes_that_have_no_such_world(
+    kind: Kind, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    traits = ObjectKind(plain=False, one_sided=False, fixed=False, local=True, scene=False)
+    monkeypatch.setitem(OBJECT_KINDS, "rope", traits)
+    monkeypatch.setitem(WORLDS, "rope", f"{__name__}:Rope")
+    table: dict[str, Any] = {"object": {"kind": "rope"}, "coupling": {"kind": kind}}
+    if COUPLING_KINDS[kind].any_world:
+        settings = resolve(table)
+        assert type(server_schemes.make_room_world(settings, [seat_settings(settings, 0)])) is Rope
+        table["coupling"]["server_step"] = "paper"
+    with pytest.raises(SettingsError, match=r'coupling\.(kind = "wave"|server_step = "passive")$'):
+        resolve(table)
+
+
+def test_whoever_adds_a_kind_decides_each_trait() -> None:
+    assert not ObjectKind._field_defaults
+    assert not CouplingKind._field_defaults
 
 
 @pytest.mark.parametrize("kind", [kind for kind in KINDS if not COUPLING_KINDS[kind].cube_alone])

@@ -43,7 +43,7 @@ def anchors_m(kind: str, sides: Sequence[str]) -> list[Vector]:
     """
     if kind_of(kind).held and len(set(sides)) == 1:
         sides = [("left", "right")[seat % 2] for seat in range(len(sides))]
-    if not kind_of(kind).spring:  # the tool itself
+    if not kind_of(kind).plain:  # the tool itself
         return [(0.0, 0.0, 0.0)] * len(sides)
     depth, width, _ = object_size_m(kind)
     found: list[Vector] = []

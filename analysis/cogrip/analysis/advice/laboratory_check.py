@@ -172,7 +172,7 @@ def check(settings: Settings) -> Check:
     """Run the sessions. Raises DeviceError for a device that cannot be had."""
     stand_ins = tuple(user.name for user in settings.users if is_real(user.device))
     settings = replace(settings, users=tuple(_stand_in(settings, user) for user in settings.users))
-    whole = kind_of(settings.object.kind).spring  # else the session is all that there is, and its task wants its time
+    whole = kind_of(settings.object.kind).plain  # else the session is all that there is, and its task wants its time
     least_s = max(SESSION_S, min(LONGEST_S, _begun_s(settings) + SESSION_S)) if whole else LONGEST_S
     given_s, seconds = settings.seconds, min(settings.seconds, least_s)
     laboratory = Laboratory(replace(settings, seconds=seconds))

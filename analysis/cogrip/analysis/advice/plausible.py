@@ -156,7 +156,7 @@ def _push(name: str, hand: PushHand, record: Capability) -> Iterator[Finding]:
 
 def _masses(settings: Settings) -> Iterator[Finding]:
     masses = [
-        ("object.mass_kg", settings.object.mass_kg, settings.object.traits.spring and not settings.object.traits.fixed)
+        ("object.mass_kg", settings.object.mass_kg, settings.object.traits.plain and not settings.object.traits.fixed)
     ]
     for number, user in enumerate(settings.users):
         with suppress(DeviceError):  # said where the device is opened

@@ -92,7 +92,7 @@ def balanced_loads(settings: Settings) -> Sequence[float] | None:
     None where that cannot be: one person alone at a free object, faces pushed from one side only, an object without springs.
     """
     users, kind = settings.users, settings.object.kind
-    if not kind_of(kind).spring:
+    if not kind_of(kind).plain:
         return None
     if kind_of(kind).held:
         signs = [1.0 if number % 2 == 0 else -1.0 for number in range(len(users))]

@@ -255,7 +255,7 @@ def _person(seat: SeatSettings, capability: Capability, delay_frames: float | No
 
 def _session(seat: SeatSettings, people: Sequence[LinearPerson]) -> LinearSession:
     form, kind = form_of(seat.coupling), seat.object.kind
-    if not kind_of(kind).spring:
+    if not kind_of(kind).plain:
         raise ModelError(
             f'object.kind = "{kind}" has no linear model: its world alone says how it moves; try it with `cogrip lab`'
         )

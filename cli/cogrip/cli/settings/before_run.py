@@ -106,7 +106,7 @@ def advice_on(settings: Settings) -> tuple[tuple[str, ...], tuple[str, ...]]:
     The refusal with the least value comes first. Raises DeviceError.
     """
     refused = overloads(settings)
-    if not kind_of(settings.object.kind).spring:  # no model
+    if not kind_of(settings.object.kind).plain:  # no model
         refused += (*unbounded(settings), *_makes_energy(settings))
         return tuple(dict.fromkeys((*refused, *scene_warnings(settings)))), refused
     try:

@@ -54,7 +54,7 @@ def advise_command(
     allow_python_worlds(python_worlds)
     settings = with_people(load(config, overrides), (), device)
     with BadInput.of(ModelError, DeviceError, where=f"{config}: "):
-        modelled = kind_of(settings.object.kind).spring and not settings.coupling.traits.gated
+        modelled = kind_of(settings.object.kind).plain and not settings.coupling.traits.gated
         if not modelled and not for_stiffness:
             return _without_model(settings, laboratory, json)
         if for_stiffness:

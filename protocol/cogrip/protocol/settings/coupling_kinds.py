@@ -24,7 +24,7 @@ class CouplingKind(NamedTuple):
     passive         creates no energy, given the passive server step and a decimator that creates none
     gated           a gate at each hand's own spring bounds what it gets, and no line carries energy (theory 5b)
     own_frame       the server answers with the object in each person's own frame, from where that hand began
-    any_world       fits worlds of other packages and grippers
+    any_world       fits kinds that are not plain, such as worlds of other packages, and grippers
     cube_alone      fits a free object that is held from all sides, and nothing else
     paper_step      knows the paper's own server step
     damper          damper that the device renders

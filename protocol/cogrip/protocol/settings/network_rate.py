@@ -76,7 +76,7 @@ def take_auto(table: dict[str, Any]) -> bool:
 
 def stated_frame_s(settings: Settings) -> float:
     """Return what a frame takes the server by the numbers above [s]."""
-    return PERSON_S * len(settings.users) + WORLD_S * (not kind_of(settings.object.kind).spring)
+    return PERSON_S * len(settings.users) + WORLD_S * (not kind_of(settings.object.kind).plain)
 
 
 def best_rate(

@@ -34,7 +34,7 @@ def unfit_object(settings: Settings, compensated: Sequence[str]) -> str:
         )
     if coupling.traits.cube_alone and (why := _unfit_cube(settings)):
         return f'coupling.kind = "{coupling.kind}" {why}'
-    if kind_of(given.kind).spring:
+    if kind_of(given.kind).plain:
         return ""
     scene, step = given.traits.scene, coupling.server_step
     grips = any(user.grips for user in settings.users)

@@ -18,36 +18,38 @@ LocalKindText = Annotated[str, msgspec.Meta(min_length=1, max_length=4096)]
 
 
 class ObjectKind(NamedTuple):
-    """Properties of a kind.
+    """Properties of a kind. None has a default: whoever adds a kind decides each.
 
+    plain      one body, of which these traits tell all: the worlds of every coupling scheme step it by them, and the spring of
+               `coupling` stands between a person and it. Else its own world alone says how it moves and feels, and schemes that
+               have no such world are refused
     one_sided  contact only pushes (theory section 3.4)
     fixed      nobody moves it
-    spring     the spring of `coupling` stands between a person and it; else its world alone says how it feels
     local      clients can render contact with it themselves
     scene      rigid bodies from a file, with tools, tasks and sensors
     """
 
-    one_sided: bool = False
-    fixed: bool = False
-    spring: bool = True
-    local: bool = False
-    scene: bool = False
+    plain: bool
+    one_sided: bool
+    fixed: bool
+    local: bool
+    scene: bool
 
     @property
     def held(self) -> bool:
         """True where people hold it from all sides, wherever their hands are."""
-        return self.spring and not self.one_sided
+        return self.plain and not self.one_sided
 
 
 KINDS = {
-    "cube": ObjectKind(),
-    "faces": ObjectKind(one_sided=True, local=True),
-    "wall": ObjectKind(one_sided=True, fixed=True, local=True),
-    "scene": ObjectKind(spring=False, local=True, scene=True),
+    "cube": ObjectKind(plain=True, one_sided=False, fixed=False, local=False, scene=False),
+    "faces": ObjectKind(plain=True, one_sided=True, fixed=False, local=True, scene=False),
+    "wall": ObjectKind(plain=True, one_sided=True, fixed=True, local=True, scene=False),
+    "scene": ObjectKind(plain=False, one_sided=False, fixed=False, local=True, scene=True),
 }
 """Kinds that come with cogrip."""
 
-_FOREIGN = ObjectKind(spring=False)
+_FOREIGN = ObjectKind(plain=False, one_sided=False, fixed=False, local=False, scene=False)
 
 
 def kind_of(name: str) -> ObjectKind:

@@ -77,7 +77,7 @@ class SeatSettings(msgspec.Struct, frozen=True, array_like=True):
     @property
     def asked_npm(self) -> float | None:
         """K that was asked for, at the hand; None where no spring stands between a person and the object."""
-        spring = self.coupling.traits.local or kind_of(self.object.kind).spring
+        spring = self.coupling.traits.local or kind_of(self.object.kind).plain
         return self.force_scale * self.coupling.stiffness_npm if spring else None
 
     @property
@@ -144,7 +144,7 @@ class SeatSettings(msgspec.Struct, frozen=True, array_like=True):
         """
         if self.coupling.traits.local and kind_of(self.object.kind).fixed:
             return self.force_scale * self.coupling.stiffness_npm
-        if not self.coupling.traits.felt_through_waves or not kind_of(self.object.kind).spring:
+        if not self.coupling.traits.felt_through_waves or not kind_of(self.object.kind).plain:
             return None
         rendered = self.rendered_npm
         if self.adapts_stiffness:

@@ -134,7 +134,7 @@ def read_columns(folder: Any, goal: Goal = NO_GOAL, task_s: float | None = None,
     kind = kind_of(settings.object.kind) if settings else None
     return RunColumns(
         run.server.rate_hz, steps["time_s"][from_s] - begin_s, objects - objects[0], people, goal, task_s,
-        objects[0] if kind and kind.fixed else None, bool(kind and kind.spring),
+        objects[0] if kind and kind.fixed else None, bool(kind and kind.plain),
         [(time_s - begin_s, text) for time_s, text in markers],
     )  # fmt: skip
 

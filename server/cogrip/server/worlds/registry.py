@@ -29,7 +29,11 @@ WORLDS: dict[str, str] = {
     "faces": "cogrip.server.worlds.push:PushWorld",
     "wall": "cogrip.server.worlds.push:PushWorld",
 }
-"""World for waves as "module:class", by kind. A scene needs more than its seats: `cogrip.server.schemes`."""
+"""World for waves as "module:class", by kind. A scene needs more than its seats: `cogrip.server.schemes`.
+
+A kind with another class than these is not `plain` (`cogrip.protocol.settings.object_kinds`): other schemes would step it as if
+it were one of them.
+"""
 
 GROUP = "cogrip.worlds"
 ALLOWED = "COGRIP_PYTHON_WORLDS"
