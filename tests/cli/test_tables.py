@@ -32,7 +32,7 @@ from cogrip.protocol.secure.channel import place_text
 from cogrip.protocol.settings.link_profile import Link
 from cogrip.results.listing.listing import ListedRun
 from cogrip.results.measures.comparison import differences
-from cogrip.server.roster import RosterEntry
+from cogrip.server.admission.roster import RosterEntry
 from cogrip.sim.io.relay_loop import LiveRelay
 from cogrip.sim.link import configured_link
 from cogrip.sim.relay import Relay

@@ -6,9 +6,9 @@ from pathlib import Path
 
 import pytest
 
+from cogrip.server.admission.roster import RosterEntry
 from cogrip.server.io.control import OrderReply, WhoOrder
 from cogrip.server.io.state_folder import ServerRecord, StateFolder, make_folder, write_server
-from cogrip.server.roster import RosterEntry
 
 from tests.cli.answering_server import answering
 from tests.cli.command import Cogrip

@@ -9,7 +9,7 @@ from cogrip.protocol.settings.rates import due_ns
 from cogrip.protocol.settings.room import resolve
 from cogrip.protocol.wire.accounts import ClientAccount
 from cogrip.protocol.wire.messages import Leave, decode, encode
-from cogrip.server.admission import AdmissionServices
+from cogrip.server.admission.admission import AdmissionServices
 from cogrip.server.core import ServerCore
 
 from tests.clients.compiled import CClient

@@ -29,11 +29,11 @@ from cogrip.protocol.wire import accounts, messages, session
 from cogrip.protocol.wire.messages import MalformedError, decode, encode
 from cogrip.protocol.wire.session import ClientSession
 from cogrip.server import unencrypted_channel
-from cogrip.server.admission import AdmissionServices
+from cogrip.server.admission.admission import AdmissionServices
+from cogrip.server.admission.tokens import TokenBook
 from cogrip.server.core import ServerCore
 from cogrip.server.io.dtls_channel import DtlsListener
 from cogrip.server.rate_limit import RateLimiter
-from cogrip.server.tokens import TokenBook
 from cogrip.server.unencrypted_channel import UnencryptedListener
 
 from tests.protocol.spec_page import SPEC, rows, section

@@ -8,7 +8,7 @@ from cogrip.protocol.settings.room import resolve
 from cogrip.protocol.wire import messages
 from cogrip.protocol.wire.messages import Hello, Stamp, Waves
 from cogrip.protocol.wire.session import ClientSession, make_hello
-from cogrip.server.admission import AdmissionServices
+from cogrip.server.admission.admission import AdmissionServices
 from cogrip.server.core import ServerCore
 
 MS = 1_000_000

@@ -16,7 +16,7 @@ from cogrip.protocol.settings.sections import Settings
 from cogrip.protocol.wire import messages
 from cogrip.protocol.wire.messages import Hello, Leave, Stamp, Welcome
 from cogrip.protocol.wire.session import LOST_NS, make_hello
-from cogrip.server.admission import AdmissionServices, Denied, Grant
+from cogrip.server.admission.admission import AdmissionServices, Denied, Grant
 from cogrip.server.inputs import CloseLedger, Idle, Kick, Revoke, ServerInput, Stop, UnbindAddress, decode
 from cogrip.server.recorder import INPUT, KINDS, RecordedServer
 

@@ -8,13 +8,13 @@ from typing import Any
 import pytest
 
 from cogrip.protocol.wire.messages import MAGIC, PROTOCOL_VERSION, Hello
-from cogrip.server import tokens
-from cogrip.server.admission import Authenticator, Denied, Grant
+from cogrip.server.admission import tokens
+from cogrip.server.admission.admission import Authenticator, Denied, Grant
+from cogrip.server.admission.tokens import READ_AT_ONCE, TokenBook
 from cogrip.server.events import EVENTS, ServerEvent
 from cogrip.server.io.authenticator import TokenAuthenticator
 from cogrip.server.io.state_folder import StateError, StateFolder, make_folder
 from cogrip.server.io.token_file import TokenFile, draw_token
-from cogrip.server.tokens import READ_AT_ONCE, TokenBook
 
 LIMIT_S = 20.0  # for what a thread is waited for
 NOW_S = 1_800_000_000.0

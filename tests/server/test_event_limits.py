@@ -5,7 +5,7 @@ import time
 import pytest
 
 from cogrip.machine.stop import Stop
-from cogrip.server.admission import AdmissionServices
+from cogrip.server.admission.admission import AdmissionServices
 from cogrip.server.core import ServerCore
 from cogrip.server.events import EVENTS, UNAUTHENTICATED_EVENTS, ServerEvent
 from cogrip.server.io.loop import REPORTED, LiveServer

@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 
 from cogrip.protocol.recording.records import Datagram, Input
 from cogrip.protocol.wire.session import LOST_NS
-from cogrip.server.admission import AdmissionServices
+from cogrip.server.admission.admission import AdmissionServices
 from cogrip.server.checkpoint import CheckpointError
 from cogrip.server.inputs import CloseLedger, Idle, Restore, SocketFailed, Stop, decode
 from cogrip.server.recorder import ACCOUNT, ANSWER, DATAGRAM_IN, DATAGRAM_OUT, EVENT, INPUT, RecordedServer, start_of

@@ -10,12 +10,12 @@ from cogrip.protocol.settings.sections import Settings
 from cogrip.protocol.wire import messages
 from cogrip.protocol.wire.messages import Farewell, Heartbeat, Hello, Leave, Person, Stamp, View, Welcome
 from cogrip.protocol.wire.session import LOST_NS, QUIET_NS
-from cogrip.server.admission import AdmissionServices, Denied, Grant
+from cogrip.server.admission.admission import AdmissionServices, Denied, Grant
+from cogrip.server.admission.roster import roster_of
 from cogrip.server.checkpoint import decode, encode
 from cogrip.server.core import FAREWELL_EVERY_NS
 from cogrip.server.inputs import Expire, Kick, Restore, Revoke, Stop
 from cogrip.server.room import RESERVED_NS
-from cogrip.server.roster import roster_of
 
 from tests.server.test_server_core import Desk, hello, room, waves
 

@@ -17,7 +17,7 @@ from cogrip.protocol.settings.sections import Settings
 from cogrip.protocol.wire import messages
 from cogrip.protocol.wire.messages import Farewell, Heartbeat, Hello, Leave, Refuse, Stamp, State, Waves, Welcome
 from cogrip.protocol.wire.session import LOST_NS, make_hello
-from cogrip.server.admission import AdmissionServices
+from cogrip.server.admission.admission import AdmissionServices
 from cogrip.server.core import FAREWELL_EVERY_NS, ServerCore
 from cogrip.server.inputs import Stop
 from cogrip.sim.laboratory import Laboratory

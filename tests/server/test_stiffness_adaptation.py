@@ -9,7 +9,7 @@ from cogrip.protocol.laws.felt_stiffness import MOST_GAIN
 from cogrip.protocol.line.loop_meter import LoopMeter
 from cogrip.protocol.settings.room import resolve, seat_settings
 from cogrip.protocol.settings.seat import SeatSettings
-from cogrip.server.admission import AdmissionServices
+from cogrip.server.admission.admission import AdmissionServices
 from cogrip.server.core import ServerCore
 from cogrip.server.schemes import make_world
 from cogrip.server.seats.stiffness_adaptation import FOLLOW_S, REPORT_EVERY_S, REPORTS, StiffnessAdapter

@@ -10,10 +10,10 @@ from pathlib import Path
 import pytest
 
 from cogrip.protocol.wire.join_link import JoinLink
+from cogrip.server.admission.tokens import TokenBook, TokenError, encode_book, why_not
 from cogrip.server.io import token_file
 from cogrip.server.io.state_folder import StateError, StateFolder, make_folder
 from cogrip.server.io.token_file import TokenFile, draw_token
-from cogrip.server.tokens import TokenBook, TokenError, encode_book, why_not
 
 WRITE = """
 import os, signal, sys

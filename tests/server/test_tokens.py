@@ -10,9 +10,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from cogrip.protocol.wire.join_link import JoinLink
-from cogrip.server import tokens
-from cogrip.server.admission import Denied, Grant
-from cogrip.server.tokens import (
+from cogrip.server.admission import tokens
+from cogrip.server.admission.admission import Denied, Grant
+from cogrip.server.admission.tokens import (
     MOST_IN_BOOK,
     MOST_TOKENS,
     BookReading,

@@ -19,7 +19,7 @@ from cogrip.protocol.settings.room import seat_settings
 from cogrip.protocol.wire import messages
 from cogrip.protocol.wire.messages import PROTOCOL_VERSION, Hello, Welcome, padded
 from cogrip.protocol.wire.session import refusal
-from cogrip.server.admission import Grant
+from cogrip.server.admission.admission import Grant
 from cogrip.server.events import ServerEvent
 from cogrip.server.hosting import public_socket
 from cogrip.server.hosting.link import (

@@ -15,7 +15,8 @@ import pytest
 from cogrip.machine.server_platform import message_pair
 from cogrip.machine.stop import Stop
 from cogrip.protocol.wire.messages import padded
-from cogrip.server.admission import AdmissionServices, Grant
+from cogrip.server.admission.admission import AdmissionServices, Grant
+from cogrip.server.admission.roster import RosterEntry
 from cogrip.server.core import ServerCore
 from cogrip.server.hosting.administration import merged
 from cogrip.server.hosting.link import (
@@ -40,7 +41,6 @@ from cogrip.server.hosting.workers.verdicts import FrontVerdicts
 from cogrip.server.io.control import KickOrder, OrderReply, WhoOrder
 from cogrip.server.io.datagram_path import DatagramPath
 from cogrip.server.rate_limit import RateLimiter
-from cogrip.server.roster import RosterEntry
 
 from tests.protocol.two_ends import SETTINGS, hello
 

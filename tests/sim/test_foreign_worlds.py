@@ -15,7 +15,7 @@ from cogrip.protocol.wire.messages import Farewell, Heartbeat
 from cogrip.results.verdict.verdict import stable, succeeded
 from cogrip.results.writing.laboratory_run import run_laboratory
 from cogrip.results.writing.summary import of_laboratory
-from cogrip.server.admission import AdmissionServices
+from cogrip.server.admission.admission import AdmissionServices
 from cogrip.server.checkpoint import CheckpointError, decode, encode
 from cogrip.server.core import ServerCore
 from cogrip.server.io.call_limit import call_limit

@@ -28,13 +28,13 @@ from cogrip.protocol.wire.messages import (
 )
 from cogrip.protocol.wire.session import LOST_NS, QUIET_NS, foreign_version, nonce_of, version_mismatch
 from cogrip.server import inputs
-from cogrip.server.admission import AdmissionServices, Denied
+from cogrip.server.admission.admission import AdmissionServices, Denied
+from cogrip.server.admission.joining import Joining
+from cogrip.server.admission.seat_assignment import Place, SeatTable
 from cogrip.server.checkpoint import RoomCheckpoint
 from cogrip.server.events import ServerEvent
-from cogrip.server.joining import Joining
 from cogrip.server.outputs import Outputs
 from cogrip.server.room import Room
-from cogrip.server.seat_assignment import Place, SeatTable
 from cogrip.server.seats.participants import Observer, Seat
 
 MOST_BYTES = messages.MAX_MESSAGE_BYTES

@@ -31,7 +31,7 @@ from cogrip.protocol.secure.channel import Address
 from cogrip.protocol.settings.sections import Settings
 from cogrip.protocol.wire.button_edges import edge_words
 from cogrip.protocol.wire.messages import Hello
-from cogrip.server.admission import AdmissionServices, Authenticator, Denied, Grant
+from cogrip.server.admission.admission import AdmissionServices, Authenticator, Denied, Grant
 from cogrip.server.core import ServerCore
 from cogrip.server.events import ServerEvent
 from cogrip.server.inputs import CloseLedger, Idle, ServerInput

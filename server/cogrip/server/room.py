@@ -32,7 +32,8 @@ from cogrip.server.seats.hand_changes import SentChanges
 from cogrip.server.seats.markers import RoomMarkers
 from cogrip.server.seats.observers import ObserverSlots
 from cogrip.server.seats.participants import Seat
-from cogrip.server.seats.state import account_of, place_again, put_back
+from cogrip.server.seats.restoration import place_again, put_back
+from cogrip.server.seats.seat_account import account_of
 from cogrip.server.seats.stiffness_adaptation import StiffnessAdapter
 from cogrip.server.worlds.departures import Departure, let_leave, watch_object
 from cogrip.server.worlds.world import WorldError

@@ -32,7 +32,7 @@ from cogrip.protocol.settings.room import rates_of, seat_axes
 from cogrip.protocol.settings.sections import Settings
 from cogrip.protocol.version import VERSION
 from cogrip.protocol.wire.session import make_hello
-from cogrip.server.admission import AdmissionServices
+from cogrip.server.admission.admission import AdmissionServices
 from cogrip.server.checkpoint import RoomCheckpoint
 from cogrip.server.inputs import CloseLedger, Mark, Restore
 from cogrip.server.recorder import RecordedServer

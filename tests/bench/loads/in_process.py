@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from cogrip.protocol.settings.room import seat_settings
 from cogrip.protocol.wire.messages import Stamp
 from cogrip.protocol.wire.session import ClientSession, make_hello
-from cogrip.server.admission import AdmissionServices
+from cogrip.server.admission.admission import AdmissionServices
 from cogrip.server.core import ServerCore
 
 from tests.bench.loads.people import PEAK_N, SPEED_MPS, Swing, room_name

@@ -11,9 +11,9 @@ from cogrip.cli.terminal.output import Json, make_console, write_json
 from cogrip.cli.terminal.problem import Problem
 from cogrip.cli.terminal.tables import Fitted, columns_table
 from cogrip.protocol.wire.join_link import DEFAULT_PORT
+from cogrip.server.admission.tokens import Token, TokenState, date_text
 from cogrip.server.io.state_folder import StateError
 from cogrip.server.io.token_file import TokenFile
-from cogrip.server.tokens import Token, TokenState, date_text
 
 _TONES: dict[str, str] = {"good": "green", "used": "dim", "expired": "dim", "revoked": "red"}
 _HEADINGS = ("id", "role", "room", "seat", "device", "good for", "state", "when", "note")

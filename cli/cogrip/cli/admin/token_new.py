@@ -17,9 +17,9 @@ from cogrip.cli.terminal.problem import BadInput, Problem, within
 from cogrip.devices.registry import schemes
 from cogrip.protocol.wire.join_link import DEFAULT_PORT, JoinLink, LinkError, split_place
 from cogrip.protocol.wire.messages import DEVICE_BYTES, Role
+from cogrip.server.admission.tokens import MOST_TOKENS, Token, TokenBook, TokenError, date_text
 from cogrip.server.io.state_folder import ServerRecord, StateError, StateFolder
 from cogrip.server.io.token_file import TokenFile, draw_token
-from cogrip.server.tokens import MOST_TOKENS, Token, TokenBook, TokenError, date_text
 
 EVERYWHERE = ("0.0.0.0", "::")
 _SECONDS = {"s": 1, "m": 60, "h": 3600, "d": 86400, "w": 604800}

@@ -23,10 +23,10 @@ from cogrip.machine.addition import add_integers
 from cogrip.protocol.recording.reader import Follower, RecordedMessage, RecordingError
 from cogrip.protocol.recording.records import Record, Row, SeatStep, Step, Tick
 from cogrip.results.reading.folder import SERVER_RECORDING, client_recording
+from cogrip.server.admission.roster import RosterEntry
 from cogrip.server.io.control import ControlError, WhoOrder, ask
 from cogrip.server.io.state_folder import StateFolder
 from cogrip.server.recorder import step_topic
-from cogrip.server.roster import RosterEntry
 
 R = TypeVar("R", bound=Record)
 

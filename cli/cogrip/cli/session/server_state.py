@@ -14,6 +14,7 @@ from cogrip.cli.terminal.problem import BadInput, Problem
 from cogrip.protocol.secure.channel import Address
 from cogrip.protocol.settings.sections import Settings
 from cogrip.protocol.wire.join_link import JoinLink, LinkError, check_host
+from cogrip.server.admission.tokens import TokenError
 from cogrip.server.core import ServerCore
 from cogrip.server.events import ServerEvent
 from cogrip.server.io.authenticator import TokenAuthenticator
@@ -33,7 +34,6 @@ from cogrip.server.io.state_folder import (
 from cogrip.server.io.token_file import TokenFile
 from cogrip.server.io.udp_socket import ServerChannel
 from cogrip.server.rate_limit import RateLimiter, limits_for
-from cogrip.server.tokens import TokenError
 from cogrip.server.unencrypted_channel import UnencryptedListener
 
 if TYPE_CHECKING:  # OpenSSL takes a while

@@ -20,7 +20,7 @@ from cogrip.protocol.recording.records import Datagram, Input, Step, Tick
 from cogrip.protocol.recording.sink import Sink
 from cogrip.protocol.wire.messages import Hello
 from cogrip.results.replay.replay_input import ReplayInput, UntoldError
-from cogrip.server.admission import AdmissionServices, Denied, Grant
+from cogrip.server.admission.admission import AdmissionServices, Denied, Grant
 from cogrip.server.checkpoint import CheckpointError
 from cogrip.server.inputs import Idle
 from cogrip.server.inputs import decode as decode_server_input

@@ -6,6 +6,7 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 
 from cogrip.machine.addition import add_integers
+from cogrip.server.admission.roster import MOST_LISTED
 from cogrip.server.events import ServerEvent
 from cogrip.server.hosting.link import Answered, Obey
 from cogrip.server.hosting.placement import HomeProcess
@@ -27,7 +28,6 @@ from cogrip.server.io.control import (
 from cogrip.server.io.metrics_feed import MetricsFeed
 from cogrip.server.io.published_state import PublishedState
 from cogrip.server.io.service_notify import ServiceNotifier
-from cogrip.server.roster import MOST_LISTED
 from cogrip.server.snapshot import Snapshot
 
 EVERY_NS = 500_000_000

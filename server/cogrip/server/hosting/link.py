@@ -13,7 +13,7 @@ import msgspec
 
 from cogrip.machine.server_platform import receive_with_descriptors, send_with_descriptors
 from cogrip.protocol.io.dtls_session import SessionKeys
-from cogrip.server.admission import Denied, Grant
+from cogrip.server.admission.admission import Denied, Grant
 from cogrip.server.events import ServerEvent
 from cogrip.server.io.control import AnyOrder, OrderReply
 

@@ -3,9 +3,9 @@
 from collections import deque
 from collections.abc import Sequence
 
+from cogrip.server.admission.roster import RosterEntry
 from cogrip.server.hosting.link import Answered, NewSnapshot, ProcessLink
 from cogrip.server.io.control import AnyOrder, OrderReply, Request
-from cogrip.server.roster import RosterEntry
 from cogrip.server.snapshot import Snapshot, encode
 
 

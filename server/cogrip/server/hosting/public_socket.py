@@ -15,7 +15,7 @@ from cogrip.protocol.secure.channel import Address, Channel, place_text
 from cogrip.protocol.settings.sections import Settings
 from cogrip.protocol.wire.messages import MAX_DATAGRAM_BYTES, Hello
 from cogrip.protocol.wire.session import SECONDS_OVER, refusal
-from cogrip.server.admission import AdmitAll, Authenticator, Denied, Grant
+from cogrip.server.admission.admission import AdmitAll, Authenticator, Denied, Grant
 from cogrip.server.events import UNAUTHENTICATED_EVENTS, ServerEvent
 from cogrip.server.hosting.link import Answered, PeerAddress
 from cogrip.server.hosting.placement import Homes

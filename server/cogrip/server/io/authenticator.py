@@ -16,11 +16,11 @@ from typing import Literal, NamedTuple
 
 from cogrip.machine.addition import add_integers
 from cogrip.protocol.wire.messages import Hello
-from cogrip.server.admission import Denied, Grant
+from cogrip.server.admission.admission import Denied, Grant
+from cogrip.server.admission.tokens import BookReading, TokenBook, UnknownTokenError
 from cogrip.server.events import ServerEvent
 from cogrip.server.io.state_folder import StateError
 from cogrip.server.io.token_file import Stamp, TokenFile
-from cogrip.server.tokens import BookReading, TokenBook, UnknownTokenError
 
 READING = "many tokens have changed, and are read between the ticks; then sessions of revoked ones end"
 CLOSE_LIMIT_S = 10.0

@@ -17,8 +17,8 @@ import msgspec
 
 from cogrip.machine.server_platform import local_socket
 from cogrip.protocol.settings.hand import HandChange
+from cogrip.server.admission.roster import RosterEntry
 from cogrip.server.io.state_folder import FILE_MODE, StateError, StateFolder
-from cogrip.server.roster import RosterEntry
 
 MOST_REQUEST_BYTES = 4096
 MOST_ANSWER_BYTES = 65536

@@ -9,6 +9,7 @@ from typing import Protocol
 from cogrip.machine.addition import add_integers
 from cogrip.protocol.settings.tool_frame import ToolFrame
 from cogrip.server import inputs
+from cogrip.server.admission.roster import MOST_LISTED, RosterEntry, roster_of
 from cogrip.server.checkpoint import CheckpointError, decode, encode
 from cogrip.server.events import ServerEvent
 from cogrip.server.io.authenticator import READING
@@ -32,7 +33,6 @@ from cogrip.server.io.service_notify import ServiceNotifier
 from cogrip.server.io.state_folder import StateError, StateFolder
 from cogrip.server.io.trigger import Trigger
 from cogrip.server.room import Room
-from cogrip.server.roster import MOST_LISTED, RosterEntry, roster_of
 from cogrip.server.snapshot import Snapshot, SnapshotMaker
 
 EVERY_NS = 500_000_000  # time between two writings of checkpoints and metrics

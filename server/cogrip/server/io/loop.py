@@ -25,7 +25,7 @@ from cogrip.protocol.settings.sections import Settings
 from cogrip.protocol.version import VERSION
 from cogrip.protocol.wire.session import SECONDS_OVER
 from cogrip.server import inputs
-from cogrip.server.admission import AdmissionServices, AdmitAll, Authenticator
+from cogrip.server.admission.admission import AdmissionServices, AdmitAll, Authenticator
 from cogrip.server.events import UNAUTHENTICATED_EVENTS, ServerEvent
 from cogrip.server.io.call_limit import call_limit
 from cogrip.server.io.datagram_path import DatagramPath

@@ -6,8 +6,8 @@ from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from typing import TypeVar
 
+from cogrip.server.admission.tokens import READ_AT_ONCE, BookReading, Token, TokenBook, TokenError, encode_book
 from cogrip.server.io.state_folder import StateError, StateFolder, locked, read_private, write_private
-from cogrip.server.tokens import READ_AT_ONCE, BookReading, Token, TokenBook, TokenError, encode_book
 
 LOCK_LIMIT_S = 5.0
 Stamp = tuple[int, int, int, int]  # mtime [ns], ctime [ns], size and inode of the file

@@ -10,7 +10,7 @@ from cogrip.protocol.settings.sections import Settings
 from cogrip.protocol.wire import messages
 from cogrip.protocol.wire.messages import HELLO_BYTES, MOST_FRONTS, PROTOCOL_VERSION, Hello, MalformedError, Redirect
 from cogrip.protocol.wire.session import foreign_version, nonce_of, refusal, version_mismatch
-from cogrip.server.admission import Authenticator, Denied
+from cogrip.server.admission.admission import Authenticator, Denied
 from cogrip.server.events import ServerEvent
 from cogrip.server.hosting.cluster.connection import RemoteRooms
 from cogrip.server.hosting.cluster.directory import taken_seats

@@ -21,7 +21,7 @@ from cogrip.protocol.settings.sections import Settings
 from cogrip.protocol.texts import named
 from cogrip.protocol.wire import messages
 from cogrip.protocol.wire.messages import PROTOCOL_VERSION, Hello, MalformedError, Welcome
-from cogrip.server.admission import Authenticator, Denied, Grant
+from cogrip.server.admission.admission import Authenticator, Denied, Grant
 from cogrip.server.events import ServerEvent
 from cogrip.server.hosting.link import (
     Answered,

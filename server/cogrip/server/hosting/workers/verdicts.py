@@ -1,7 +1,7 @@
 """Tokens as a worker knows them: the front, which has the file, sends its verdict with each hello, and what became void."""
 
 from cogrip.protocol.wire.messages import Hello
-from cogrip.server.admission import Denied, Grant
+from cogrip.server.admission.admission import Denied, Grant
 from cogrip.server.hosting.link import ProcessLink, RevokeToken, SeatGiven
 
 NO_VERDICT = Denied("token", "the server has not looked at this token; join again")

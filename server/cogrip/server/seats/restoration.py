@@ -1,27 +1,14 @@
-"""State of a room's seats: their accounts, and the world that a checkpoint puts back under their hands."""
+"""A room's world put back under the hands of its seats: as a checkpoint has it, or into the middle."""
 
 from collections.abc import Sequence
 
 import numpy as np
 
 from cogrip.machine.rows import Row
-from cogrip.protocol.wire.accounts import LinkCount, SeatAccount
 from cogrip.server.checkpoint import CheckpointError, RoomCheckpoint
 from cogrip.server.seats.participants import Seat
 from cogrip.server.worlds.departures import put_back_text
 from cogrip.server.worlds.world import World, WorldError, check_saved
-
-
-def account_of(seat: Seat, world: World) -> SeatAccount:
-    """Return the account of a seat session: the present one, else the last."""
-    port = seat.port
-    if port is None:
-        return seat.last or SeatAccount((0.0,) * world.axes, None, None, LinkCount())
-    return SeatAccount(
-        world.proxy_of(seat.number), port.up_margin_j, seat.line_margin_j, port.count(), port.playout_account(),
-        rendered_npm=world.accounts.stiffness(seat.number) if seat.on_object else None,
-        up_reserve_j=port.up_reserve.reported_j, line_reserve_j=seat.line_reserve.reported_j,
-    )  # fmt: skip
 
 
 def place_again(world: World, seats: Sequence[Seat], checkpoint: RoomCheckpoint) -> None:

@@ -15,7 +15,7 @@ from typing import Annotated, Any, Literal, get_args
 import msgspec
 
 from cogrip.protocol.wire.messages import DEVICE_BYTES, Role
-from cogrip.server.admission import Denied, Grant
+from cogrip.server.admission.admission import Denied, Grant
 
 VERSION: Literal[1] = 1
 MOST_TOKENS = 400  # most tokens of a room, and most of those for any room. The oldest void ones are dropped first

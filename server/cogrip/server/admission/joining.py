@@ -8,12 +8,12 @@ from cogrip.protocol.wire import messages
 from cogrip.protocol.wire.clock import MessageClock
 from cogrip.protocol.wire.messages import PROTOCOL_VERSION, Hello, Role, Welcome
 from cogrip.protocol.wire.session import refusal, version_mismatch
-from cogrip.server.admission import AdmissionServices, Denied, Grant
+from cogrip.server.admission.admission import AdmissionServices, Denied, Grant
+from cogrip.server.admission.seat_assignment import SeatTable, find_observer_slot, find_seat
 from cogrip.server.events import ServerEvent
 from cogrip.server.outputs import Outputs
 from cogrip.server.ports.seat_limits import record_of
 from cogrip.server.room import Room
-from cogrip.server.seat_assignment import SeatTable, find_observer_slot, find_seat
 from cogrip.server.seats.participants import Observer, Seat
 
 

@@ -7,7 +7,7 @@ from cogrip.machine.addition import add_integers
 from cogrip.protocol.secure.channel import Address
 from cogrip.protocol.wire.messages import Hello
 from cogrip.protocol.wire.session import unfit
-from cogrip.server.admission import Denied, Grant
+from cogrip.server.admission.admission import Denied, Grant
 from cogrip.server.ports.seat_limits import misclaimed, record_of
 from cogrip.server.room import Room
 from cogrip.server.seats.participants import Observer, Participant, Seat

@@ -1,0 +1,5 @@
+"""Admission to a server's rooms: who may come in, on which seat, and who is there.
+
+`joining` answers a hello. It asks the authenticator of `admission` whether it may come in, which goes by `tokens`, and
+`seat_assignment` for a place; `roster` lists who has one.
+"""
