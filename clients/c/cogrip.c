@@ -1935,6 +1935,7 @@ static void effects_step(
 #define GATE_J 0.05           /* E_0 */
 #define GATE_CAP_J (GATE_J + 0.1)
 #define GATE_FADE_S 0.02      /* tau_s */
+#define DAMPED_J 0.001        /* D: below it the damper acts alone */
 #define DONATED_S 0.05
 #define DAMPER_MPS 0.1
 #define DAMPER_AHEAD 1.5
@@ -1945,14 +1946,14 @@ static void effects_step(
 /* Ledger of one person's own spring; client/cogrip/client/coupling/partner/spring_gate.py has its law. */
 typedef struct gate {
     sum work;
-    double donated_j, credited_j, coming_j, refilled_j, spilt_j, free_before_j, rested_s, worked_j, tick_s;
+    double donated_j, credited_j, coming_j, refilled_j, spilt_j, spare_before_j, rested_s, worked_j, tick_s;
     int below, gave_out;
 } gate;
 
 static void gate_init(gate *own, double tick_s) {
     memset(own, 0, sizeof *own);
     own->tick_s = tick_s;
-    own->free_before_j = GATE_J;
+    own->spare_before_j = GATE_J - DAMPED_J;
 }
 
 /* What came in but by the hand itself, less what was given away; then all that came in; then b, with E_0. */
@@ -1966,8 +1967,8 @@ static double gate_budget_j(const gate *own) { return GATE_J + gate_reserve_j(ow
 /* The part of a stretch that may stay, of 1: step (1) of the gate. */
 static double gate_cut(const gate *own, const double *stretch_m, int axes, double stiffness_npm) {
     if (stiffness_npm == 0.0) return 1.0;
-    const double kept_j = most(0.0, own->free_before_j) * (1.0 - own->tick_s / GATE_FADE_S);
-    const double bound = 2.0 * most(0.0, gate_budget_j(own) - kept_j) / stiffness_npm;
+    const double kept_j = most(0.0, own->spare_before_j) * (1.0 - own->tick_s / GATE_FADE_S);
+    const double bound = 2.0 * most(0.0, gate_budget_j(own) - DAMPED_J - kept_j) / stiffness_npm;
     const double square = dot(stretch_m, stretch_m, axes);
     return square <= bound ? 1.0 : sqrt(bound / square);
 }
@@ -1986,17 +1987,18 @@ static void gate_pay(
     double free_j = gate_budget_j(own) - stored_j;
     const double worked_j = own->work.value - own->worked_j;
     own->worked_j = own->work.value;
-    if (gate_budget_j(own) < 0.0) {
-        own->gave_out = own->gave_out || (own->below && worked_j < 0.0);
-        own->below = 1;
+    if (gate_budget_j(own) < DAMPED_J) {
+        const int below = gate_budget_j(own) < 0.0;
+        own->gave_out = below && (own->gave_out || (own->below && worked_j < 0.0));
+        own->below = below;
         for (int axis = 0; axis < axes; axis++) damper_n[axis] = own->gave_out ? 0.0 : damping_nspm * velocity_mps[axis];
-        own->free_before_j = free_j;
+        own->spare_before_j = free_j - DAMPED_J;
         return;
     }
     own->below = own->gave_out = 0;
     if (dot(damper_n, velocity_mps, axes) < 0.0) {
         const double take_j = size_of(damper_n, axes) * most(DAMPER_AHEAD * speed_mps, DAMPER_MPS) * GATE_FADE_S;
-        const double part = take_j > free_j ? most(0.0, free_j) / take_j : 1.0;
+        const double part = take_j > free_j - DAMPED_J ? most(0.0, free_j - DAMPED_J) / take_j : 1.0;
         for (int axis = 0; axis < axes; axis++) damper_n[axis] *= part;
     }
     if (free_j > GATE_CAP_J) {
@@ -2008,7 +2010,7 @@ static void gate_pay(
         own->donated_j += given_j;
         free_j -= given_j;
     }
-    own->free_before_j = free_j;
+    own->spare_before_j = free_j - DAMPED_J;
 }
 
 /* Where the hand would be if nothing held it. */

@@ -4,6 +4,7 @@ from itertools import pairwise
 from typing import Any
 
 from cogrip.client.coupling.partner.partner_coupling import PartnerCoupling
+from cogrip.devices.simulated.phantom import PhantomSettings, capability
 from cogrip.protocol.settings.room import resolve, seat_settings
 from cogrip.protocol.wire.messages import Intent, Partner, Stamp
 
@@ -70,3 +71,18 @@ def test_the_stiffness_of_a_partner_who_comes_back_grows_as_that_of_one_who_come
     assert coupling.partners[1].model.stiffness_npm == 0.0
     assert frames(128) <= came * (1.0 + 1e-9)
     assert coupling.partners[1].model.stiffness_npm == 150.0
+
+
+def test_a_line_that_goes_on_knows_the_hand_as_the_one_before_did_and_another_device_anew() -> None:
+    """A server that is started again, or a seat that is taken again, is no reason to take the hand for another."""
+    record = capability(PhantomSettings(), 1)
+    before, after, elsewhere = coupling_of(), coupling_of(), coupling_of()
+    before.fit(record, 0.001)
+    before.grip.stiffness_npm = 320.0
+    for each in (after, elsewhere):
+        each.go_on_from(before)
+    after.fit(record, 0.001)
+    elsewhere.fit(capability(PhantomSettings(mass_kg=0.2), 1), 0.001)
+    assert (after.grip, after.intention, after.release) == (before.grip, before.intention, before.release)
+    assert after.grip.stiffness_npm == 320.0
+    assert elsewhere.grip.stiffness_npm == 150.0

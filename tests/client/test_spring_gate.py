@@ -1,13 +1,14 @@
 """The gate at a hand's own spring: whatever forces, hands, losses and people do, nobody gets more than the law says."""
 
 from itertools import pairwise
+from math import cos, pi
 from random import Random
 
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from cogrip.client.coupling.partner.spring_gate import BUDGET_J, CAP_J, DONATED_S, SpringGate
+from cogrip.client.coupling.partner.spring_gate import BUDGET_J, CAP_J, DAMPED_J, DONATED_S, SpringGate
 
 TICK_S = 1.0 / 1024.0
 
@@ -103,3 +104,25 @@ def test_a_stretch_that_is_cut_counts_as_a_tick_gated() -> None:
         part = gate.cut([stretch], 1000.0)
         gate.pay([part * stretch], 1000.0, [0.0], [0.0], 10.0)
         assert gate.gated == gated
+
+
+@pytest.mark.parametrize("late_ticks", [0, 5])
+def test_a_hand_that_has_spent_all_and_goes_on_moving_earns_its_force_again(late_ticks: int) -> None:
+    """By its damper, whose speed an encoder tells late: it gives a little as the hand turns, and may not be stuck for that."""
+    gate = SpringGate(TICK_S)
+    gate.work.add(-BUDGET_J + 2.0 * DAMPED_J)
+    speeds = [0.1 * cos(2.0 * pi * 0.6 * tick * TICK_S) for tick in range(-8, 4096)]
+    gave, least, stretch = 0.0, 1.0, -0.01
+    for tick in range(4096):
+        told, true = speeds[8 + tick - late_ticks], speeds[8 + tick]
+        least = min(least, gate.budget_j)
+        part = gate.cut([stretch], 1000.0)
+        stretch = stretch if true > 0.0 and tick < 1024 else 0.0  # it pushes the hand on until that turns
+        paid = gate.pay([part * stretch], 1000.0, [10.0 * told * (not stretch)], [told], 10.0)[0]
+        work = (paid + 1000.0 * part * stretch) * true * TICK_S
+        if not stretch:
+            gave += min(0.0, work)
+        gate.work.add(work)
+    assert least < 1.1 * DAMPED_J
+    assert (gave < 0.0) is (late_ticks > 0)
+    assert gate.budget_j > 10.0 * DAMPED_J

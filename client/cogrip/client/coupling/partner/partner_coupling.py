@@ -59,7 +59,9 @@ class PartnerCoupling(LatestStateCoupling[Partner]):
         self._frame_s, self._others = seat.rates.frame_s, max(1, seat.people - 1)
         self._spring_now = self._spring
         self.gate = SpringGate(self._tick_s)
-        self._fit(DeviceDrag(0.0, 0.0, 0.0))
+        self._second = True  # every other tick is one of the intention, and the rest of the release: both are slower
+        self._fitted: tuple[DeviceDrag, float] | None = None
+        self._fit(DeviceDrag(0.0, 0.0, 0.0), 0.0)
         self.partners: dict[int, Known] = {}
         self.place_m: list[float] | None = None  # of the copy; None before there is a hand
         self.velocity_mps = [0.0] * axes
@@ -92,14 +94,16 @@ class PartnerCoupling(LatestStateCoupling[Partner]):
 
     def fit(self, record: Capability, lag_s: float) -> None:
         super().fit(record, lag_s)
-        self._fit(DeviceDrag.of(record))
+        self._fit(DeviceDrag.of(record), record.resolution_m)
 
-    def _fit(self, drag: DeviceDrag) -> None:
+    def _fit(self, drag: DeviceDrag, step_m: float) -> None:
         axes = len(self.still)
         self._carried_nspm = -1.0  # for which `_spring_now` is
+        if (drag, step_m) == self._fitted:  # of a line before this one: what it knows of the hand stays
+            return
+        self._fitted = drag, step_m
         self.grip = HandStiffness(axes, self._tick_s, self._frame_s, drag)
-        self._second = True  # every other tick is one of the intention, and the rest of the release: both are slower
-        self.intention = Intention(axes, 2.0 * self._tick_s, drag.mass_kg)
+        self.intention = Intention(axes, 2.0 * self._tick_s, drag.mass_kg, step_m, self._spring[0])
         self.release = Release(axes, 2.0 * self._tick_s, drag)
 
     def elapse(self, mean_velocity_mps: Sequence[float], velocity_mps: Sequence[float], hold: float = 1.0) -> None:
@@ -264,6 +268,7 @@ class PartnerCoupling(LatestStateCoupling[Partner]):
         self.gate = before.gate
         self._worked_j, self._granted_j = self.gate.work.value, self.gate.granted_j
         self.place_m, self.velocity_mps = before.place_m, before.velocity_mps
+        self._fitted, self._second = before._fitted, before._second
         self.intention, self.grip, self.release = before.intention, before.grip, before.release
         self.partners, self._here_s = before.partners, before._here_s
         for known in self.partners.values():  # whatever counters and clock the server has now

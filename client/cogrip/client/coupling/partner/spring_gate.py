@@ -3,11 +3,11 @@
 Symbols: s stretch of the spring [m], K its stiffness, F_d its damper's force, v velocity of the hand, T tick. Energies in J:
 
     W      work of the hand, sum of F (x_{k+1} - x_k)
-    b      E_0 + W - Don + Cred + Refill - Spill        f = b - K s^2 / 2, what is free
+    b      E_0 + W - Don + Cred + Refill - Spill        f = b - K s^2 / 2, what is free; D DAMPED_J
 
-    (1) |s| is cut to sqrt(2 max(0, b - (1 - T / tau_s) max(0, f before)) / K)
-    (2) a damper that pushes is cut to what f pays for within tau_s; where b < 0 the damper alone acts, against the hand, until
-        it has given something out all the same: then nothing does before b is 0 again
+    (1) |s| is cut to sqrt(2 max(0, b - D - (1 - T / tau_s) max(0, f - D before)) / K)
+    (2) a damper that pushes is cut to what f - D pays for within tau_s; where b < D the damper alone acts, against the hand, which
+        so earns the rest; where b < 0 it does until it has given something out all the same: then nothing does before b is 0 again
     (3) what f is above the cap is spilt, above E_0 it is donated, within 50 ms: the counter Don goes to all partners
     (4) a partner credits the growth of the largest counter that it has seen, each its part of it, within 50 ms: at once, it
         would be a step of force
@@ -26,6 +26,9 @@ from cogrip.protocol.settings.coupling_kinds import GATE_MJ
 BUDGET_J = 1e-3 * GATE_MJ  # E_0 of a person
 CAP_J = BUDGET_J + 0.1  # most free energy
 FADE_S = 0.02  # tau_s
+DAMPED_J = (
+    0.001  # D: what a damper gives out as a hand turns, many times over, from which it would not get away below 0
+)
 DONATED_S = 0.05  # time in which what is above E_0 is donated, and what was donated is credited
 DAMPER_MPS = 0.1  # least speed for which a damper that pushes is paid
 AHEAD = 1.5  # part of the hand's own speed for which it is
@@ -50,7 +53,7 @@ class SpringGate:
         self.donated_j = self.credited_j = self.refilled_j = self.spilt_j = 0.0
         self.granted_j = BUDGET_J
         self.stored_j = 0.0
-        self._free_before_j = BUDGET_J
+        self._spare_before_j = BUDGET_J - DAMPED_J  # f - D
         self._coming_j = 0.0  # donated by partners and not yet credited
         self._reduced = False  # by `cut`, in this tick
         self._rested_s = 0.0
@@ -72,8 +75,8 @@ class SpringGate:
         self._reduced = False
         if not stiffness_npm:
             return 1.0
-        kept = max(0.0, self._free_before_j) * (1.0 - self._tick_s / FADE_S)
-        most = 2.0 * max(0.0, self.budget_j - kept) / stiffness_npm
+        kept = max(0.0, self._spare_before_j) * (1.0 - self._tick_s / FADE_S)
+        most = 2.0 * max(0.0, self.budget_j - DAMPED_J - kept) / stiffness_npm
         square = add_floats([each * each for each in stretch_m])
         self._reduced = square > most
         return sqrt(most / square) if self._reduced else 1.0
@@ -96,18 +99,18 @@ class SpringGate:
         free = budget - stored
         work = self.work.value
         worked, self._worked_j = work - self._worked_j, work
-        if budget < 0.0:
-            self._gave_out = self._gave_out or (self._below and worked < 0.0)
-            self._below = True
+        if budget < DAMPED_J:
+            self._gave_out = budget < 0.0 and (self._gave_out or (self._below and worked < 0.0))
+            self._below = budget < 0.0
             self.gated += 1
-            self._free_before_j = free
+            self._spare_before_j = free - DAMPED_J
             return [0.0 if self._gave_out else damping_nspm * rate for rate in velocity_mps]
         self._below = self._gave_out = False
         if add_floats([force * rate for force, rate in zip(damper_n, velocity_mps, strict=True)]) < 0.0:
             size = sqrt(add_floats([each * each for each in damper_n]))
             take = size * max(AHEAD * speed, DAMPER_MPS) * FADE_S
-            if take > free:
-                part = max(0.0, free) / take
+            if take > free - DAMPED_J:
+                part = max(0.0, free - DAMPED_J) / take
                 damper_n = [part * each for each in damper_n]
                 self._reduced = True
         self.gated += self._reduced
@@ -120,7 +123,7 @@ class SpringGate:
             self.donated_j += given
             self.granted_j -= given
             free -= given
-        self._free_before_j = free
+        self._spare_before_j = free - DAMPED_J
         return damper_n
 
     def _refill(self, speed_mps: float, free_j: float) -> float:
