@@ -6,8 +6,9 @@ Symbols: s stretch of the spring [m], K its stiffness, F_d its damper's force, v
     b      E_0 + W - Don + Cred + Refill - Spill        f = b - K s^2 / 2, what is free; D DAMPED_J
 
     (1) |s| is cut to sqrt(2 max(0, b - D - (1 - T / tau_s) max(0, f - D before)) / K)
-    (2) a damper that pushes is cut to what f - D pays for within tau_s; where b < D the damper alone acts, against the hand, which
-        so earns the rest; where b < 0 it does until it has given something out all the same: then nothing does before b is 0 again
+    (2) a damper that pushes is cut to what f - D pays for within tau_s; where b < D the damper alone acts, against the hand,
+        which so earns the rest; where b < 0 it does until it has given something out all the same: then nothing does before b
+        is 0 again
     (3) what f is above the cap is spilt, above E_0 it is donated, within 50 ms: the counter Don goes to all partners
     (4) a partner credits the growth of the largest counter that it has seen, each its part of it, within 50 ms: at once, it
         would be a step of force
