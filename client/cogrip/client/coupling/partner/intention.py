@@ -10,7 +10,9 @@ from tick to tick, with the k of now: a k that changes is no motion.
 
 One step q of the encoder moves e by q (1 + K / k), K the spring that holds the hand, and is a rate of r_q = q (1 + K / k) /
 tau_r in a hand at rest. Whoever looks ahead by that feels it, and answers with a step: two hands at rest went on trembling. So
-what is told of a rate r is r max(0, 1 - (r_q / r)^2): nothing of what a step explains, and nearly all of what is much faster."""
+what is told of a rate r is r max(0, 1 - (r_q / r)^2): nothing of what a step explains, and nearly all of what is much
+faster.
+"""
 
 from collections.abc import Sequence
 
