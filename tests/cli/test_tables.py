@@ -30,8 +30,8 @@ from cogrip.machine.stop import Stop
 from cogrip.protocol.recording.records import SeatStep, Step, Tick
 from cogrip.protocol.secure.channel import place_text
 from cogrip.protocol.settings.link_profile import Link
+from cogrip.results.comparison.differences import differences
 from cogrip.results.listing.listing import ListedRun
-from cogrip.results.measures.comparison import differences
 from cogrip.server.admission.roster import RosterEntry
 from cogrip.sim.io.relay_loop import LiveRelay
 from cogrip.sim.link import configured_link

@@ -16,8 +16,8 @@ from hypothesis import strategies as st
 from matplotlib.colors import to_hex
 
 from cogrip.protocol.settings.room import resolve
-from cogrip.results.measures.common_stretch import common_stretch_s, summary_of_first
-from cogrip.results.measures.comparison import (
+from cogrip.results.comparison.common_stretch import common_stretch_s, summary_of_first
+from cogrip.results.comparison.differences import (
     MOST_RUNS,
     NOT_SET,
     ComparisonError,

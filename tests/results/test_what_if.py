@@ -20,7 +20,7 @@ from cogrip.protocol.settings.room import resolve
 from cogrip.protocol.settings.sections import Settings, User
 from cogrip.protocol.settings.table import SettingsError
 from cogrip.protocol.wire.messages import DEVICE_BYTES, Hello
-from cogrip.results.measures.comparison import settings_differences
+from cogrip.results.comparison.differences import settings_differences
 from cogrip.results.reading.records import RunRecords, open_run
 from cogrip.results.replay.verify import verify
 from cogrip.results.replay.what_if import Hands, WhatIf, folder_name, label, what_if

@@ -7,7 +7,7 @@ from rich.table import Table
 from rich.text import Text
 
 from cogrip.cli.terminal.tables import Fitted, marked, plain_table
-from cogrip.results.measures.comparison import RunDifference
+from cogrip.results.comparison.differences import RunDifference
 
 
 def compared_table(rows: Sequence[RunDifference], labels: Sequence[str]) -> Group:

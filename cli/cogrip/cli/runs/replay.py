@@ -24,7 +24,7 @@ from cogrip.protocol.recording.header import versions_here
 from cogrip.protocol.recording.reader import Recording, RecordingError
 from cogrip.protocol.recording.records import Gap
 from cogrip.protocol.settings.table import SettingsError
-from cogrip.results.measures.comparison import ComparisonError
+from cogrip.results.comparison.differences import ComparisonError
 from cogrip.results.reading.records import RunRecords
 from cogrip.results.reading.traces import describe
 from cogrip.results.replay.verify import ReplayVerdict

@@ -12,7 +12,7 @@ from cogrip.cli.terminal.parameters import RunsBelow
 from cogrip.cli.terminal.problem import BadInput
 from cogrip.cli.terminal.tables import say
 from cogrip.protocol.recording.reader import RecordingError
-from cogrip.results.measures.comparison import ComparisonError, RunDifference, labels_of
+from cogrip.results.comparison.differences import ComparisonError, RunDifference, labels_of
 
 COMPARISON = Path("comparison.html")
 

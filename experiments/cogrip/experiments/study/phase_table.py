@@ -9,14 +9,13 @@ from cogrip.results.measures.columns import RunColumns
 from cogrip.results.measures.registry import MEASURES
 from cogrip.results.reading.columns import NUMBER, Column
 
-OF_TRIALS = frozenset({"completion_s", "endpoint_m"})
-"""Measures of a goal, which is the trial's and has no phases."""
+_MEASURES = [each for each in MEASURES if not each.of_goal]
 COLUMNS: tuple[Column, ...] = (
     Column("group", "int64"), Column("participant", "string"), Column("seat", "int64"), Column("condition", "string"),
     Column("block", "string"), Column("trial", "int64"), Column("practice", "int64"), Column("repetition", "int64"),
     Column("interval", "int64"), Column("run", "string"), Column("phase", "string"),
     Column("phase_begin_s", NUMBER, "s"), Column("phase_end_s", NUMBER, "s"),
-    *(Column(each.name, NUMBER, unit_of(each.name)) for each in MEASURES if each.name not in OF_TRIALS),
+    *(Column(each.name, NUMBER, unit_of(each.name)) for each in _MEASURES),
 )  # fmt: skip
 
 
@@ -26,7 +25,7 @@ def phase_rows(run: RunColumns, of_trial: Sequence[dict[str, Any]]) -> list[dict
     for spell in spells(of_trial[0]["run"], run.markers, float(run.time_s[-1]) + 1.0 / run.rate_hz):
         part = run.part(spell.begin_s, spell.end_s)
         for person, row in enumerate(of_trial if len(part.time_s) else ()):
-            measured = {each.name: each.of(part, person) for each in MEASURES if each.name not in OF_TRIALS}
+            measured = {each.name: each.of(part, person) for each in _MEASURES}
             place = {column.name: row[column.name] for column in COLUMNS if column.name in row}
             when = {"phase": spell.name, "phase_begin_s": spell.begin_s, "phase_end_s": spell.end_s}
             found.append({**place, **when, **measured})

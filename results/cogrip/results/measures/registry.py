@@ -8,18 +8,25 @@ from cogrip.results.measures.columns import RunColumns
 
 
 class Measure(NamedTuple):
-    """label: of an axis of a figure. shared: the same number for everybody in a run; opposite: two people add up to 0."""
+    """A measure of one person in a run.
+
+    label     of an axis of a figure
+    shared    the same number for everybody in a run
+    opposite  two people add up to 0
+    of_goal   of the trial's goal, so that a phase of the trial has none
+    """
 
     name: str
     label: str
     of: Callable[[RunColumns, int], float | None]
     shared: bool = False
     opposite: bool = False
+    of_goal: bool = False
 
 
 MEASURES: tuple[Measure, ...] = (
-    Measure("completion_s", "completion time [s]", motion.completion_s, shared=True),
-    Measure(motion.ENDPOINT, "end point beyond the target's middle [m]", motion.endpoint_m, shared=True),
+    Measure("completion_s", "completion time [s]", motion.completion_s, shared=True, of_goal=True),
+    Measure(motion.ENDPOINT, "end point beyond the target's middle [m]", motion.endpoint_m, shared=True, of_goal=True),
     Measure("path_m", "path length [m]", motion.path_m),
     Measure("tracking_rms_m", "tracking error, rms [m]", motion.tracking_rms_m, shared=True),
     Measure("jerk_rms_mps3", "jerk, rms [m/s³]", motion.jerk_rms_mps3),

@@ -4,7 +4,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import NamedTuple
 
-from cogrip.results.measures.comparison import (
+from cogrip.results.comparison.differences import (
     RunDifference,
     check_comparable,
     differences_of_runs,

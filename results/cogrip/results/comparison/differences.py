@@ -4,7 +4,7 @@ from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
 
-from cogrip.results.measures.common_stretch import common_stretch_s, length_s, summary_of_first
+from cogrip.results.comparison.common_stretch import common_stretch_s, length_s, summary_of_first
 from cogrip.results.reading.summary_values import UNKNOWN, Summary, dig, energy, is_number, name_of, number, people
 from cogrip.results.reading.traces import TracedRun
 
