@@ -1,5 +1,6 @@
 """Tests of the plots of a comparison, of made-up results: names, heights of rows, beginnings of axes."""
 
+from itertools import combinations
 from typing import Any
 
 import numpy as np
@@ -15,7 +16,7 @@ from cogrip.experiments.methods.plots import draw_all
 from cogrip.experiments.methods.query import ComparisonQuery, prepare
 from cogrip.experiments.methods.table import gather, verdict
 from cogrip.protocol.settings.room import resolve
-from cogrip.results.plots.style import ALARM, COLOURS, INK, NotDrawnError, colour
+from cogrip.results.plots.style import ALARM, COLOURS, INK, NotDrawnError
 
 from tests.extent import long
 
@@ -231,7 +232,7 @@ def test_a_method_has_one_colour_whatever_it_is_compared_with(methods: tuple[str
     felt = [felt_by("p0", 1000.0)]
     results = {case: with_trace(each) for case, each in results_of(asked, felt=[felt, felt]).items()}
     figure = draw(asked, results, name)
-    known = [colour(tuple(looks.METHODS).index(method)) for method in methods]
+    known = [style_of(method)["color"] for method in methods]
     if name == "traces":
         panels = [panel.get_lines()[0].get_color() for panel in figure.axes[:2]]
         assert [colour_of(each) for each in panels] == [colour_of(each) for each in known]
@@ -240,6 +241,17 @@ def test_a_method_has_one_colour_whatever_it_is_compared_with(methods: tuple[str
     assert named == known
     drawn = [line for panel in figure.axes for line in panel.get_lines() if line.get_marker() in looks.MARKERS]
     assert {line.get_color() for line in drawn} == set(known)
+
+
+def test_every_method_has_a_marker_and_a_hue_that_no_other_one_has() -> None:
+    """One that is another one, only darker, is told from it by its marker alone."""
+    styles = [style_of(method) for method in looks.METHODS]
+    assert len({style["marker"] for style in styles}) == len(looks.METHODS)
+    for one, other in combinations([np.array(to_rgb(style["color"])) for style in styles], 2):
+        assert np.linalg.norm(np.cross(one, other)) > 0.1 * np.linalg.norm(one) * np.linalg.norm(other), (
+            "not only darker"
+        )
+        assert np.abs(one - other).max() > 0.15
 
 
 def test_a_trace_is_of_the_median_session_and_says_its_seed() -> None:

@@ -10,8 +10,10 @@ from cogrip.experiments.methods.measures import Mark, State
 from cogrip.experiments.methods.method import METHODS
 from cogrip.results.plots.style import INK, Style, colour, person_style, shade
 
-NUMBERS = {method: number for number, method in enumerate(METHODS)}
-MARKERS = "osD^v<"
+MARKERS = "osD^v<P"
+COLOURS = (*(colour(number) for number in range(6)), "#882255")
+"""A colour and a marker of its own for each method: the six hues of people's palette, and a purple that none of them is."""
+_LOOKS = dict(zip(METHODS, zip(COLOURS, MARKERS, strict=True), strict=True))
 WORDS: Mapping[State, str] = {
     "diverged": "diverged",
     "oscillates": "oscillates",
@@ -39,8 +41,8 @@ _SHADES = ("full", "dark", "pale")  # shades of a method's colour, by person
 
 def style_of(method: str) -> Style:
     """Return a method's colour and marker: the same in every figure, whatever it is compared with."""
-    number = NUMBERS[method]
-    return {"color": colour(number), "marker": MARKERS[number % len(MARKERS)]}
+    tint, marker = _LOOKS[method]
+    return {"color": tint, "marker": marker}
 
 
 def bar_look(state: State, mark: Mark, tint: str) -> Style:
