@@ -43,7 +43,7 @@ MODULES = (
     "protocol.settings.room", "protocol.settings.sections",
     "server.io.control", "server.io.datagram_path", "server.io.dtls_channel", "server.io.dtls_peer",
     "server.io.metrics_process", "machine.trial",
-    "server.io.loop", "server.rate_limit", "server.room", "server.ports.seat_limits", "server.tokens",
+    "server.io.loop", "server.rate_limit", "server.room", "server.ports.seat_limits", "server.admission.tokens",
     "server.worlds.scenes.scene_file", "server.worlds.scenes.scene_text", "server.worlds.world",
     "view.io.page_server", "view.io.peer_log",
 )  # fmt: skip
