@@ -18,6 +18,7 @@ from cogrip.results.writing.summary import of_laboratory
 
 from tests.extent import every, long
 from tests.interpreted import needs_interpreted
+from tests.kinds import FREE_OBJECTS
 from tests.sim.session_measures import FRAME_MS, Table, by_frame, laboratory_of, least_margin, summary_of
 
 DATA = Path(__file__).parents[3] / "shared" / "data"
@@ -121,7 +122,7 @@ def clean(kind: str) -> Table:
 
 
 @pytest.mark.sample(1)
-@pytest.mark.parametrize("kind", ["cube", "faces"])
+@pytest.mark.parametrize("kind", FREE_OBJECTS)
 def test_a_clean_link_loses_nothing(kind: str) -> None:
     summary = clean(kind)
     assert least_margin(summary) >= -1e-12
@@ -132,7 +133,7 @@ def test_a_clean_link_loses_nothing(kind: str) -> None:
 
 @pytest.mark.sample(1)
 @pytest.mark.parametrize("seed", every(20, range(1, 21)))
-@pytest.mark.parametrize("kind", ["cube", "faces"])
+@pytest.mark.parametrize("kind", FREE_OBJECTS)
 def test_the_worst_link(kind: str, seed: int) -> None:
     """No energy is created, every frame is accounted for, hand and proxy stay as close as on a clean link."""
     summary = bad_link(kind, seed, jitter_ms=20, loss=0.3, burst_frames=4, duplicate=0.05, reorder=0.05)

@@ -19,12 +19,13 @@ from cogrip.server.worlds.world import World
 from cogrip.sim.laboratory import Laboratory
 
 from tests.extent import long
+from tests.kinds import FREE_OBJECTS
 from tests.sim.session_measures import by_tick, laboratory_of, least_margin
 
 CONFIGS = Path(__file__).resolve().parents[2] / "configs"
 T = 1.0 / 128.0
 counts = st.integers(2, 16)
-kinds = st.sampled_from(["cube", "faces"])
+kinds = st.sampled_from(FREE_OBJECTS)
 axes = st.integers(1, 3)
 seeds = st.integers(0, 2**32 - 1)
 

@@ -15,6 +15,7 @@ from cogrip.results.writing.summary import of_laboratory
 from cogrip.sim.laboratory import Laboratory
 
 from tests.extent import every
+from tests.kinds import OBJECTS
 from tests.sim.session_measures import least_margin
 
 HZ = 1024
@@ -97,9 +98,7 @@ STREAMS = {
 
 
 @pytest.mark.sample(1)
-@pytest.mark.parametrize(
-    ("stream", "kind", "link", "axes"), every(13, product(STREAMS, ("cube", "faces", "wall"), ({}, FAR), (1, 3)))
-)
+@pytest.mark.parametrize(("stream", "kind", "link", "axes"), every(13, product(STREAMS, OBJECTS, ({}, FAR), (1, 3))))
 def test_two_pointers_that_jump_stay_within_their_bounds(
     stream: str, kind: str, link: dict[str, Any], axes: int
 ) -> None:
