@@ -10,7 +10,7 @@ after the newest datagram that arrived is left out.
 import sys
 
 from cogrip.protocol.recording.reader import RecordingError
-from cogrip.protocol.wire.messages import MalformedError, Power, State, Waves, decode
+from cogrip.protocol.wire.messages import MalformedError, Partner, Power, State, Waves, decode
 from cogrip.results.reading.records import open_run
 
 USAGE = "usage: record_a_trace.py RUN PERSON up|down"
@@ -57,7 +57,7 @@ def frames(end):
             message = decode(datagram.data)
         except MalformedError:
             continue
-        if isinstance(message, Waves | State | Power):
+        if isinstance(message, Waves | State | Power | Partner):
             yield time_s, datagram.data, message
 
 

@@ -33,6 +33,7 @@ KINDS = get_args(Kind)
 def test_every_scheme_and_every_form_of_linear_model_has_its_rows() -> None:
     for table in (COUPLING_KINDS, client_schemes.SCHEMES, server_schemes.SCHEMES):
         assert tuple(table) == KINDS
+    assert set(client_schemes.LOCAL_CONTACTS) == {kind for kind, traits in OBJECT_KINDS.items() if traits.local}
     assert {method.overrides["coupling.kind"] for method in METHODS.values()} == set(KINDS)
     assert tuple(FORMS) == tuple(BLOCKS) == tuple(TOO_MUCH) == tuple(INSTEAD) == get_args(Form)
 

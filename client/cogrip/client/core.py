@@ -14,10 +14,10 @@ from cogrip.client.coupling.interface import Coupling
 from cogrip.client.inputs import ClientInput
 from cogrip.client.markers import OwnMarkers
 from cogrip.client.safety.device_port import DevicePort
-from cogrip.client.safety.energy_ledger import EnergyLedger
 from cogrip.client.safety.limiter import Safety
 from cogrip.client.seat.seat_account import account_of
 from cogrip.client.seat.seated import MakePort, SeatedClient
+from cogrip.client.seat.work_account import WorkAccount
 from cogrip.devices.device import Capability
 from cogrip.devices.sample import Sample
 from cogrip.machine.histogram import DurationHistogram
@@ -221,7 +221,7 @@ class ClientCore:
         return self._seat.port
 
     @property
-    def ledger(self) -> EnergyLedger:
+    def ledger(self) -> WorkAccount:
         return self._seat.ledger
 
     @property

@@ -3,7 +3,7 @@ cimport cython
 from cogrip.client.core cimport Delays
 from cogrip.client.coupling.interface cimport Coupling
 from cogrip.client.safety.device_port cimport DevicePort
-from cogrip.client.safety.energy_ledger cimport EnergyLedger
+from cogrip.client.seat.work_account cimport WorkAccount
 from cogrip.client.seat.hand_motion cimport HandMotion
 from cogrip.client.seat.seated cimport SeatedClient
 from cogrip.client.tick_packing cimport pack_tick
@@ -27,7 +27,7 @@ cdef class TickRecord:
     cdef object _playout_frames
 
     @cython.locals(
-        coupling=Coupling, ledger=EnergyLedger, port=DevicePort, hand=HandMotion, velocity=tuple, used=bint, plain=bint,
+        coupling=Coupling, ledger=WorkAccount, port=DevicePort, hand=HandMotion, velocity=tuple, used=bint, plain=bint,
         same=bint, held=tuple, lost="long long", reserve_j=double, work_j=double, port_j=double, left_j=double,
     )
     cpdef bytes of(self, SeatedClient seat, Sample sample, tuple force_n, tuple timing, Delays delays)

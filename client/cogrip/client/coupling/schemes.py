@@ -6,7 +6,7 @@ A new one also needs a row with its properties and one at the server: docs/desig
 from collections.abc import Callable
 
 from cogrip.client.coupling.interface import Coupling
-from cogrip.client.coupling.local.local_contact import LocalCoupling
+from cogrip.client.coupling.local.local_contact import Contact, LocalCoupling
 from cogrip.client.coupling.local.local_poses import PoseContact
 from cogrip.client.coupling.local.local_scene import SceneContact
 from cogrip.client.coupling.local.local_surface import Face, Wall
@@ -21,11 +21,22 @@ from cogrip.protocol.settings.seat import SeatSettings
 MakeCoupling = Callable[[SeatSettings], Coupling]
 
 
+def scene_contact(seat: SeatSettings, line: LocalCoupling) -> Contact:
+    """Return the contact of a scene: of the tool's place, or of its pose."""
+    return PoseContact(seat, line) if seat.object.axes == POSE_AXES else SceneContact(seat, line)
+
+
+LOCAL_CONTACTS: dict[str, Callable[[SeatSettings, LocalCoupling], Contact]] = {
+    "wall": Wall,
+    "faces": Face,
+    "scene": scene_contact,
+}
+"""Contact that a client renders itself, by kind of object: of each that is `local` in `object_kinds`."""
+
+
 def make_local(seat: SeatSettings) -> Coupling:
     """Return the coupling with local contact of a seat's kind of object."""
-    scene = PoseContact if seat.object.axes == POSE_AXES else SceneContact
-    contacts = {"wall": Wall, "faces": Face, "scene": scene}
-    return LocalCoupling(seat, contacts[seat.object.kind])
+    return LocalCoupling(seat, LOCAL_CONTACTS[seat.object.kind])
 
 
 SCHEMES: dict[Kind, MakeCoupling] = {

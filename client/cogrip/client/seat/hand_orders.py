@@ -1,7 +1,7 @@
 """Orders for one hand in the session: the frame in which it moves its tool (theory 1.1), its clutch, limit and weight.
 
 A change waits for a frame's border, where nothing of a frame is on its way into the line: the energy ledger then splits
-between two ticks, exactly (`EnergyLedger.set_power_ratio`). Places of hand and tool stay, and the force ramps in anew.
+between two ticks, exactly (`WorkAccount.set_power_ratio`). Places of hand and tool stay, and the force ramps in anew.
 """
 
 from typing import NamedTuple

@@ -22,12 +22,12 @@ from cogrip.client.hand.handle import HandleReader, has_handle
 from cogrip.client.hand.pose_axes import PoseAxes
 from cogrip.client.rows.springs import part_of
 from cogrip.client.safety.device_port import Cause, DevicePort, cure
-from cogrip.client.safety.energy_ledger import EnergyLedger
 from cogrip.client.safety.limiter import DRIVES, Safety
 from cogrip.client.safety.shaking import Shaking
 from cogrip.client.seat.hand_motion import HandMotion, work_and_velocity
 from cogrip.client.seat.hand_orders import HandOrders
 from cogrip.client.seat.peaks import Peaks
+from cogrip.client.seat.work_account import WorkAccount
 from cogrip.client.sources.force_source import AtHand, ForceSources
 from cogrip.client.sources.hand_aids import HandAids
 from cogrip.devices.device import Capability
@@ -86,7 +86,7 @@ class SeatedClient:
         self.sources = ForceSources(self.effects, self.aids)
         self.sources.fit(self._record, self.capability, self.port.tolerated_j)
         # Accounts
-        self.ledger = EnergyLedger(self.coupling)
+        self.ledger = WorkAccount(self.coupling)
         if self.frame.mapped:
             self.ledger.set_power_ratio(self.frame.power_ratio)
         self.peaks = Peaks()

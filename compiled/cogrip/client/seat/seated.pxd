@@ -2,7 +2,7 @@ cimport cython
 
 from cogrip.client.coupling.interface cimport Coupling
 from cogrip.client.safety.device_port cimport DevicePort
-from cogrip.client.safety.energy_ledger cimport EnergyLedger
+from cogrip.client.seat.work_account cimport WorkAccount
 from cogrip.client.sources.force_source cimport ForceSources
 from cogrip.client.hand.axes cimport AxisUnits
 from cogrip.client.hand.frame cimport HandFrame
@@ -24,7 +24,7 @@ cdef class SeatedClient:
     cdef public ForceSources sources
     cdef public Coupling coupling
     cdef public Safety safety
-    cdef public EnergyLedger ledger
+    cdef public WorkAccount ledger
     cdef public ClientSession session
     cdef public object settings
     cdef public object orders
@@ -57,7 +57,7 @@ cdef class SeatedClient:
     cpdef tuple place(self)
     cdef _follow(self, Sample sample, bint border)
     @cython.locals(
-        coupling=Coupling, ledger=EnergyLedger, hand=HandMotion, frame=HandFrame, port=DevicePort, sources=ForceSources, ratio=double, work=double,
+        coupling=Coupling, ledger=WorkAccount, hand=HandMotion, frame=HandFrame, port=DevicePort, sources=ForceSources, ratio=double, work=double,
         first="long long", tick="long long", length="long long", ended=bint, absent=bint, held=bint, hold=double,
         given_j=double, pending_j=double,
     )

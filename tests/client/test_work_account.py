@@ -9,7 +9,7 @@ from msgspec.structs import replace
 from cogrip.client.coupling.interface import Coupling
 from cogrip.client.coupling.virtual_coupling import VirtualCoupling
 from cogrip.client.coupling.wave_coupling import WaveCoupling
-from cogrip.client.safety.energy_ledger import EnergyLedger
+from cogrip.client.seat.work_account import WorkAccount
 from cogrip.protocol.line.sender import LineSender
 from cogrip.protocol.settings.seat import SeatSettings
 from cogrip.protocol.wire.accounts import PlayoutAccount
@@ -39,9 +39,9 @@ def account(coupling: WaveCoupling) -> PlayoutAccount:
     return found
 
 
-def ledger(*lines: Coupling) -> EnergyLedger:
+def ledger(*lines: Coupling) -> WorkAccount:
     """Return the ledger of a person who had these lines, one after the other."""
-    found = EnergyLedger(lines[0])
+    found = WorkAccount(lines[0])
     for each in lines[1:]:
         found.begin_line(each)
     return found

@@ -4,7 +4,7 @@ from cogrip.client.coupling.interface cimport Coupling
 from cogrip.protocol.line.energy_sums cimport CompensatedSum
 
 
-cdef class EnergyLedger:
+cdef class WorkAccount:
     cdef public Coupling coupling
     cdef public double power_ratio
     cdef public CompensatedSum work

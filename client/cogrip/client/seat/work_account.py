@@ -21,7 +21,7 @@ from cogrip.protocol.line.energy_sums import CompensatedSum
 from cogrip.protocol.wire.accounts import LinkCount, PlayoutAccount
 
 
-class EnergyLedger:
+class WorkAccount:
     """Accounts of a hand's work, through all lines that it has had.
 
     coupling     the one in use
