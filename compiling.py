@@ -11,7 +11,7 @@ name of a module is an object in C as well, and each use of it in arithmetic mak
 What a tick never does is out of its way, as a processor forgets pages and lines of code between two ticks: the paths to a
 traceback are put together at the end of a module (`COLD`), loops are not aligned. On Linux many modules are one library, in
 which functions are sorted by name: the typed ones, which a tick runs through, stand together (`link_together`).
-`-O1`: a session takes as long as with `-O2`, as nearly all of it is Python's own C code; compiling takes two thirds of the time.
+`-O1`: a session takes as long as with `-O2`, as nearly all of it is Python's own code; compiling takes two thirds of the time.
 `-ffp-contract=off`: no product and sum are rounded together, so that every number is the interpreted one, bit for bit;
 `-fwrapv`: whole numbers wrap.
 """
