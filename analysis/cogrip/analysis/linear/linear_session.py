@@ -182,9 +182,10 @@ def form_of(coupling: Coupling) -> Form:
     """Return the form of a scheme's linear model. Raises ModelError for one that is not linear."""
     if coupling.traits.linear is None:
         raise ModelError(
-            f'coupling.kind = "{coupling.kind}": a passivity controller or an energy gate is not linear, so there is no '
-            "model of it; "
-            "`cogrip lab` and `cogrip sweep` run whole sessions of it"
+            f'coupling.kind = "{coupling.kind}": {"an energy gate" if coupling.traits.gated else "a passivity controller"} is not '
+            "linear, so there is no model of it; "
+            + ("`cogrip advise` has the loop gain of its hands, " if coupling.traits.gated else "")
+            + "`cogrip lab` and `cogrip sweep` run whole sessions of it"
             + (" (coupling.compensate has no effect there)" if coupling.compensate else "")
         )
     return "paper" if coupling.server_step == "paper" else coupling.traits.linear
