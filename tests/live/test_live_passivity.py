@@ -16,7 +16,7 @@ LET_GO = "the force oscillates at the hand"
 def test_what_processes_exchange_is_passive_and_every_recording_plays_again(run, serve, tmp_path):
     """Assert what holds however late the loops are: a passivity controller that is late switches, and may let the hand go."""
     server, port = serve(DEMO, "--set", TDPA)
-    server.hear(r"warning: room demo: no advice: coupling.kind = \"tdpa\": a passivity controller or an energy gate is")
+    server.hear(r"warning: room demo: no advice: coupling.kind = \"tdpa\": a passivity controller is not")
     people = [
         run("join", f"127.0.0.1:{port}", "--name", name, "--device", "sim:phantom?hand=reach", "--seconds", "1.5",
             *leaving(tmp_path / name))

@@ -181,8 +181,9 @@ class LinearSession:
 def form_of(coupling: Coupling) -> Form:
     """Return the form of a scheme's linear model. Raises ModelError for one that is not linear."""
     if coupling.traits.linear is None:
+        limits = "an energy gate" if coupling.traits.gated else "a passivity controller"
         raise ModelError(
-            f'coupling.kind = "{coupling.kind}": {"an energy gate" if coupling.traits.gated else "a passivity controller"} is not '
+            f'coupling.kind = "{coupling.kind}": {limits} is not '
             "linear, so there is no model of it; "
             + ("`cogrip advise` has the loop gain of its hands, " if coupling.traits.gated else "")
             + "`cogrip lab` and `cogrip sweep` run whole sessions of it"
