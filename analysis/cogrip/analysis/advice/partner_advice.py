@@ -23,6 +23,11 @@ def partner_loop(settings: Settings) -> PartnerLoop:
     )  # fmt: skip
 
 
+def partner_warnings(settings: Settings) -> tuple[str, ...]:
+    """Return what is to be said of a room before it is used. Raises DeviceError."""
+    return tuple(finding.text for finding in partner_findings(settings) if finding.level == "warning")
+
+
 def partner_findings(settings: Settings) -> list[Finding]:
     """Return what can be said of a room before anyone holds a device. Raises DeviceError."""
     found = [Finding("device", text, "warning", refused=True) for text in overloads(settings)]

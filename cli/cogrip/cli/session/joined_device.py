@@ -111,8 +111,9 @@ def judge_seat(
     frames = add_floats(line_delay(seat.playout, direction, seat.rates).frames for direction in (seat.up, seat.down))
     refused: tuple[str, ...] = ()
     warnings: tuple[str, ...]
-    if not kind_of(seat.object.kind).plain:  # there is no model; what its device carries is known
-        warnings = tuple(filter(None, [rendered_damper.refusal(seat, record), *unbounded(seat)]))
+    if seat.coupling.traits.gated or not kind_of(seat.object.kind).plain:  # no model; what its device carries is known
+        bounds = () if seat.coupling.traits.gated else unbounded(seat)
+        warnings = tuple(filter(None, [rendered_damper.refusal(seat, record), *bounds]))
         refused = () if allow_unstable else warnings
     elif frames > seat.coupling.traits.advised_frames or seat.rates.ticks_per_frame > MOST_ADVISED_TICKS:
         warnings = ("no advice: the delays are too long for the model",)

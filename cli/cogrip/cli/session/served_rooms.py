@@ -98,9 +98,12 @@ def warn_of(rooms: Sequence[Settings], bound: tuple[str, int], encrypted: bool, 
 def _advice_on(settings: Settings) -> tuple[str, ...]:
     """Return where a room is not stable, passive or fit for its devices, in the words of `cogrip advise`."""
     from cogrip.analysis.advice.advice import advise
+    from cogrip.analysis.advice.partner_advice import partner_warnings
     from cogrip.analysis.linear.linear_session import ModelError
 
     try:
+        if settings.coupling.traits.gated:
+            return partner_warnings(settings)
         return scene_warnings(settings) if settings.object.traits.scene else advise(settings).warnings
     except (ModelError, DeviceError) as error:
         return (f"no advice: {error}",)

@@ -10,7 +10,7 @@ from cyclopts import Parameter
 
 from cogrip.analysis.advice.advice import advise, ample, overloads, unbounded
 from cogrip.analysis.advice.finding import Finding
-from cogrip.analysis.advice.partner_advice import partner_findings
+from cogrip.analysis.advice.partner_advice import partner_warnings
 from cogrip.analysis.advice.plausible import implausible
 from cogrip.analysis.linear.lifted_model import LiftedModel
 from cogrip.analysis.linear.linear_session import ModelError, linear_session
@@ -111,8 +111,7 @@ def advice_on(settings: Settings) -> tuple[tuple[str, ...], tuple[str, ...]]:
         refused += (*unbounded(settings), *_makes_energy(settings))
         return tuple(dict.fromkeys((*refused, *scene_warnings(settings)))), refused
     if settings.coupling.traits.gated:
-        found = partner_findings(settings)
-        return tuple(finding.text for finding in found if finding.level == "warning"), refused
+        return partner_warnings(settings), refused
     try:
         model = LiftedModel(linear_session(settings))
         states = max(part.model.states for part in modes(model))
