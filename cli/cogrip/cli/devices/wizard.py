@@ -156,8 +156,11 @@ class _Wizard:
             self.tell(f"force at most {record.peak_force_n:.3g} N, {record.continuous_force_n:.3g} N for long")
 
     def _check(self, device: Device, address: str) -> None:
-        if not isinstance(device, ArmDevice) or not device.has_watchdog:
-            self.tell("left out: only arms whose firmware has a watchdog are pushed by `cogrip devices check`")
+        if not isinstance(device, ArmDevice):
+            self.tell("left out: only arms on serial: and hid: are pushed by `cogrip devices check`")
+            return
+        if not device.has_watchdog:
+            self.tell("left out: its firmware has no watchdog, so `cogrip devices check` does not push it")
             return
         text = "Put the arm in mid-range, take your hands off it, keep one at the power switch."
         if not self._wanted(text, force=True) or device_check(address, moving_s=0.0, yes=True) == 0:
