@@ -1923,11 +1923,13 @@ static void effects_step(
 #define HAND_NPM 150.0        /* k */
 #define HAND_NSPM 5.0         /* b_e */
 #define SMOOTHING_S 0.01      /* tau of the intention */
-#define RATE_S 0.03           /* tau_r of its rate */
+#define RATE_S 0.04           /* tau_r of its rate */
 #define MOST_INTENT_MPS 1.0
 #define MODEL_KG 0.1          /* m_d */
 #define ADDED_NSPM 10.0       /* b_m above b_e, of a hand of DAMPED_NPM or more whose intention is LATE_S old */
 #define LATE_S 0.04
+#define DRIFTING 0.5          /* part of the added damping that acts against the drift of an intention */
+#define DRIFT_S 0.1
 #define DAMPED_NPM 150.0
 #define HORIZON_S 0.1         /* h */
 #define GROW_S 0.5            /* in which the stiffness of a hand grows that has just come */
@@ -2048,7 +2050,7 @@ typedef struct partner {
     intent told; /* axes 0: nothing yet */
     int counted; /* its counter of donated energy is known */
     double age_s, silent_s, share, donated_j; /* share: of its stiffness that the model has: it grows in GROW_S */
-    double place_m[AXES], velocity_mps[AXES], intention_m[AXES], stiffness_npm; /* of the model */
+    double place_m[AXES], velocity_mps[AXES], intention_m[AXES], drift_mps[AXES], stiffness_npm; /* of the model */
 } partner;
 
 /* Step object and models by one tick on one axis: implicit Euler (docs/theory.md 5b). own: place and velocity of the hand. */
@@ -2063,11 +2065,11 @@ static void step_copy(
         const partner *one = &known[place];
         if (!one->told.axes) continue;
         const double k = one->stiffness_npm, stretch = one->place_m[axis] - o;
-        const double full = HAND_NSPM + ADDED_NSPM * least(1.0, one->age_s / LATE_S);
-        const double damping = full * least(1.0, k / DAMPED_NPM);
+        const double added = ADDED_NSPM * least(1.0, one->age_s / LATE_S) * least(1.0, k / DAMPED_NPM);
+        const double damping = HAND_NSPM * least(1.0, k / DAMPED_NPM) + added;
         inertia[place] = MODEL_KG + tick_s * (k * tick_s + damping + G);
-        drive[place] =
-            MODEL_KG * one->velocity_mps[axis] + tick_s * (k * (one->intention_m[axis] - one->place_m[axis]) - K * stretch);
+        drive[place] = MODEL_KG * one->velocity_mps[axis]
+            + tick_s * (k * (one->intention_m[axis] - one->place_m[axis]) + DRIFTING * added * one->drift_mps[axis] - K * stretch);
         pull += tick_s * K * stretch + tick_s * G * drive[place] / inertia[place];
         weight += tick_s * G - (tick_s * G) * (tick_s * G) / inertia[place];
     }
@@ -2826,7 +2828,7 @@ static void partner_begin(partner *one, const double *position_m, int axes) {
     one->stiffness_npm = 0.0;
     for (int axis = 0; axis < axes; axis++) {
         one->place_m[axis] = one->intention_m[axis] = position_m[axis];
-        one->velocity_mps[axis] = 0.0;
+        one->velocity_mps[axis] = one->drift_mps[axis] = 0.0;
     }
 }
 
@@ -2865,6 +2867,13 @@ static void partners_start_frame(cogrip_client *client, int64_t tick) {
         memcpy(client->object, told->position_m, sizeof client->object[0] * (size_t)client->axes);
         memcpy(client->object + client->axes, told->velocity_mps, sizeof client->object[0] * (size_t)client->axes);
         for (int place = 0; place < told->count; place++) partner_take(all, &told->intents[place]);
+    }
+    for (int place = 0; place < all->count; place++) {
+        partner *one = &all->known[place];
+        for (int axis = 0; axis < client->axes; axis++) {
+            const double rate_mps = one->silent_s <= HORIZON_S ? one->told.rate_mps[axis] : 0.0;
+            one->drift_mps[axis] += least(1.0, frame_s / DRIFT_S) * (rate_mps - one->drift_mps[axis]);
+        }
     }
     play_for(client, tick, client->ticks_per_frame);
 }

@@ -8,7 +8,7 @@ import pytest
 from cogrip.analysis.linear.partner_loop import PartnerLoop
 from cogrip.client.coupling.partner.hand_stiffness import HAND_NSPM
 from cogrip.client.coupling.partner.intention import Intention
-from cogrip.protocol.laws.partner_model import HORIZON_S, Model, step_object
+from cogrip.protocol.laws.partner_model import DRIFTING, HORIZON_S, Model, step_object
 
 PAIR = PartnerLoop(2, 1000.0, 10.0, 0.2, 0.0, 0.1, 0.5)
 TICK_S, SECONDS = 1.0 / 16384, 4.0  # a step so short that what it holds is not seen
@@ -20,7 +20,8 @@ def stepped(loop: PartnerLoop, hand_npm: float, told_npm: float, frequency_hz: f
     own, models = Intention(1, TICK_S, loop.device_kg), [Model([0.0]) for _ in range(loop.people - 1)]
     x = v = 0.0
     o, rate = [0.0], [0.0]
-    force, told = 0.0, []
+    force, told, taken = 0.0, [], Model([0.0])
+    taken.stiffness_npm = told_npm
     ticks = int(SECONDS / TICK_S)
     for tick in range(ticks):
         wave = 1e-3 * np.sin(2.0 * pi * frequency_hz * tick * TICK_S)
@@ -31,7 +32,9 @@ def stepped(loop: PartnerLoop, hand_npm: float, told_npm: float, frequency_hz: f
         v += TICK_S / loop.device_kg * (-hand_npm * x - (HAND_NSPM + loop.device_nspm) * v - force)
         x += TICK_S * v
         own.update([x], [v], [force], told_npm)
-        told.append(own.place_m[0] + HORIZON_S * own.rate_mps[0])
+        taken.follow(own.rate_mps, TICK_S)
+        carried = DRIFTING * taken.added_nspm / told_npm * taken.drift_mps[0]
+        told.append(own.place_m[0] + HORIZON_S * own.rate_mps[0] + carried)
     turns = int(0.5 * SECONDS * frequency_hz) / frequency_hz
     last = np.array(told[-round(turns / TICK_S) :])
     phases = np.exp(-2j * pi * frequency_hz * TICK_S * np.arange(len(last)))

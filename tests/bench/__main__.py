@@ -8,7 +8,7 @@ from cyclopts import App, CycloptsError
 from cogrip.cli.terminal.flag_errors import words_of
 from cogrip.cli.terminal.problem import Problem
 
-BENCHES = {  # each is the function bench_NAME of tests.bench.NAME
+BENCHES = {  # each is the function bench_NAME of tests.bench.NAME, with _ for -
     "capacity": "Measure what people cost a core, a join and a cluster's directory; compute what hosts and clusters carry.",
     "client": "Measure what a live client's tick takes at 1024 and 8192 Hz, encrypted and recorded, and how many ticks run.",
     "cluster": "Kill a host of a Ray cluster and drain another: time until all are back, steps of force, the other rooms.",
@@ -23,7 +23,7 @@ BENCHES = {  # each is the function bench_NAME of tests.bench.NAME
     "killed": "Kill workers of a server with -9: time until all are back, steps of force, the other rooms.",
     "network": "Count the people whom one core serves, encrypted and not, beside a socket echo; or flood an encrypted server.",
     "partner": "Compare what hands feel of each other by models of partners with wave lines and no force, in tasks.",
-    "partners": "Hold a cube through a relay, live, by waves and by models of each other: how far the forces are off.",
+    "partner-live": "Hold a cube through a relay, live, by waves and by models of each other: how far the forces are off.",
     "pauses": "Measure what this processor forgets between two ticks, and how often something takes it away.",
     "peers": "Compare what a person costs the server with a server in C, VRPN and a bare Python echo.",
     "playout": "Compare the adaptive jitter buffer with the best fixed playout delay in hindsight, on each network.",
@@ -40,12 +40,13 @@ BENCHES = {  # each is the function bench_NAME of tests.bench.NAME
     "view": "Measure a 1 kHz client beside tabs, a tab that hangs, 50 tabs, and how soon the server feels a pointer.",
     "workers": "Measure how many more people several workers carry than one process, and what people cost under a flood.",
 }
-RENAMED = {"storms": "impaired"}
+RENAMED = {"storms": "impaired", "partners": "partner-live"}
 """Benchmarks of earlier versions by their present names."""
 
 bench = App(name="dev.py bench", help="Measure this machine: ratios of what is timed side by side in one run.")
 for _name, _help in BENCHES.items():
-    bench.command(f"tests.bench.{_name}:bench_{_name}", name=_name, help=_help)
+    _module = _name.replace("-", "_")
+    bench.command(f"tests.bench.{_module}:bench_{_module}", name=_name, help=_help)
 
 
 def main(arguments: Sequence[str] | None = None) -> int:

@@ -305,19 +305,20 @@ void probe_intention(int begin, int axes, const double *position_m, const double
 }
 
 /* One tick of a copy on one axis. motion: its place and velocity; numbers: mass, damping, K, B, tick; own: the hand;
- * models: of each place, velocity, intention and stiffness. */
+ * models: of each place, velocity, intention, stiffness and drift. */
 void probe_step_copy(double *motion, const double *numbers, const double *own, int count, double *models) {
     partner known[MOST_PARTNERS];
     memset(known, 0, sizeof known);
     for (int place = 0; place < count; place++) {
-        const double *row = &models[4 * place];
+        const double *row = &models[5 * place];
         known[place].told.axes = 1, known[place].age_s = LATE_S;
         known[place].place_m[0] = row[0], known[place].velocity_mps[0] = row[1];
         known[place].intention_m[0] = row[2], known[place].stiffness_npm = row[3];
+        known[place].drift_mps[0] = row[4];
     }
     step_copy(0, numbers[4], &motion[0], &motion[1], numbers[0], numbers[1], numbers[2], numbers[3], known, count, own);
     for (int place = 0; place < count; place++)
-        models[4 * place] = known[place].place_m[0], models[4 * place + 1] = known[place].velocity_mps[0];
+        models[5 * place] = known[place].place_m[0], models[5 * place + 1] = known[place].velocity_mps[0];
 }
 
 /* What the gate of a client has in its ledger: W, Don, Cred, Refill. */

@@ -120,19 +120,20 @@ def test_its_copy_is_that_of_the_reference(library: Any, count: int) -> None:
     models = [Model([0.01 * each]) for each in range(count)]
     motion, numbers = row([0.0, 0.0]), row([0.2, 0.3, K, B, TICK_S])
     place, speed = [0.0], [0.0]
-    table = row([0.0] * max(1, 4 * count))
+    table = row([0.0] * max(1, 5 * count))
     for _ in range(1000):
         own = (random.uniform(-0.03, 0.03), random.uniform(-0.5, 0.5))
         for number, model in enumerate(models):
             model.intention_m, model.stiffness_npm = [random.uniform(-0.05, 0.05)], random.choice((0.0, 60.0, 400.0))
-            table[4 * number : 4 * number + 4] = [
-                model.place_m[0], model.velocity_mps[0], model.intention_m[0], model.stiffness_npm,
+            model.drift_mps = [random.uniform(-0.5, 0.5)]
+            table[5 * number : 5 * number + 5] = [
+                model.place_m[0], model.velocity_mps[0], model.intention_m[0], model.stiffness_npm, model.drift_mps[0],
             ]  # fmt: skip
         step_object(TICK_S, place, speed, 0.2, 0.3, (K, B), models, ([own[0]], [own[1]]))
         library.probe_step_copy(motion, numbers, row(own), count, table)
         assert list(motion) == pytest.approx([*place, *speed], **EXACT)
         for number, model in enumerate(models):
-            assert list(table[4 * number : 4 * number + 2]) == pytest.approx(
+            assert list(table[5 * number : 5 * number + 2]) == pytest.approx(
                 [model.place_m[0], model.velocity_mps[0]], **EXACT
             )
 

@@ -5,7 +5,8 @@ estimates the intention takes them for; K, B own spring, m_o, d object; m_m, b_m
 
     c = K + B s    Z = m s^2 + (b_h + b_d) s + k_h    Z_m = m_m s^2 + b_m s + k    a = c / (Z + c)    b = c / (Z_m + c)
     X = a b k / (m_o s^2 + d s + N c - c a - (N - 1) c b)
-    E = 1 - (Z - b_e s) / k        L = 1 / (1 + tau s) ((1 + h s / (1 + tau_r s)) E + m_d s^2 / k) X
+    E = 1 - (Z - b_e s) / k        R = s / (1 + tau_r s)        H = h + g b_a / (k (1 + tau_u s)), g b_a, tau_u of the drift
+    L = 1 / (1 + tau s) ((1 + H R) E + m_d s^2 / k) X
 
 An intention of one partner comes into that of another by L, late by the loop. With (N - 1) |L| < 1 at all f no delay makes the
 loop unstable, without its gates (small gain): a sufficient condition, and no more.
@@ -18,7 +19,7 @@ from numpy.typing import NDArray
 
 from cogrip.client.coupling.partner.hand_stiffness import HAND_NPM, LEAST_NPM, MOST_NPM
 from cogrip.client.coupling.partner.intention import RATE_S, SMOOTHING_S
-from cogrip.protocol.laws.partner_model import ADDED_NSPM, DAMPED_NPM, HAND_NSPM, HORIZON_S, MODEL_KG
+from cogrip.protocol.laws.partner_model import ADDED_NSPM, DAMPED_NPM, DRIFT_S, DRIFTING, HAND_NSPM, HORIZON_S, MODEL_KG
 
 Array = NDArray[np.float64]
 FREQUENCIES_HZ: Array = np.geomspace(0.01, 100.0, 4000)
@@ -51,7 +52,8 @@ class PartnerLoop(NamedTuple):
         weight = self.object_kg * s**2 + self.object_nspm * s + people * c - c * a - (people - 1) * c * b
         moved = a * b * k / weight
         estimate = 1.0 - (own - HAND_NSPM * s) / k
-        ahead = 1.0 + self.horizon_s * s / (1.0 + self.rate_s * s)
+        carried = DRIFTING * (self.model_nspm - HAND_NSPM) / max(k, DAMPED_NPM)
+        ahead = 1.0 + (self.horizon_s + carried / (1.0 + DRIFT_S * s)) * s / (1.0 + self.rate_s * s)
         loop = (ahead * estimate + self.device_kg * s**2 / k) * moved / (1.0 + self.smoothing_s * s)
         found: Array = (people - 1) * np.abs(loop)
         return found

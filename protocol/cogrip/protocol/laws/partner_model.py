@@ -3,7 +3,11 @@
 Symbols, per axis: o object, x_j device of partner j, e_j its intention, k_j its hand's stiffness, m_d, b_m mass and damping of
 the model, K, B the spring of a seat, T step. Implicit Euler, copy and models together:
 
-    f_j = K (x_j - o) + B (x_j' - o')       m_o o'' = sum_j f_j - d o'       m_d x_j'' = k_j (e_j - x_j) - b_m x_j' - f_j
+    f_j = K (x_j - o) + B (x_j' - o')       m_o o'' = sum_j f_j - d o'
+    m_d x_j'' = k_j (e_j - x_j) - b_m x_j' + DRIFTING b_a u_j - f_j
+
+b_a is the part of b_m that a model has for being late, u_j the rate of e_j through one pole of DRIFT_S: a hand that goes on
+evenly does not drag its partners by all of a damping that only keeps a loop below 1.
 """
 
 from collections.abc import Sequence
@@ -12,28 +16,40 @@ MODEL_KG = 0.1  # m_d
 HAND_NSPM = 5.0  # b_e, damping of a hand in the estimate of its intention
 ADDED_NSPM = 10.0  # what a model's b_m has above b_e where it is late, which keeps the loop of two clients below 1
 MODEL_NSPM = HAND_NSPM + ADDED_NSPM  # b_m of a model that is late
+DRIFTING = 0.5  # part of the added damping that acts against the drift of an intention, and not against rest
+DRIFT_S = 0.1  # time constant of that drift
 LATE_S = 0.04  # age of an intention from which on it has all of it
 DAMPED_NPM = 150.0  # least stiffness of a hand whose model has all of b_m
 HORIZON_S = 0.1  # h, the longest time for which an intention is taken to go on
 
 
 class Model:
-    """One partner's hand on all axes: where its device is taken to be, and how fast."""
+    """One partner's hand on all axes: where its device is taken to be, and how fast. drift_mps: u of its intention."""
 
-    __slots__ = ("age_s", "intention_m", "place_m", "stiffness_npm", "velocity_mps")
+    __slots__ = ("age_s", "drift_mps", "intention_m", "place_m", "stiffness_npm", "velocity_mps")
 
     def __init__(self, place_m: Sequence[float]) -> None:
         self.place_m = list(place_m)
         self.velocity_mps = [0.0] * len(self.place_m)
         self.intention_m = list(place_m)
+        self.drift_mps = [0.0] * len(self.place_m)
         self.stiffness_npm = 0.0
         self.age_s = LATE_S  # of the intention
 
     @property
+    def added_nspm(self) -> float:
+        """b_a: less for a hand that hardly holds, none where it has let go."""
+        return ADDED_NSPM * min(1.0, self.age_s / LATE_S) * min(1.0, self.stiffness_npm / DAMPED_NPM)
+
+    @property
     def damping_nspm(self) -> float:
-        """b_m: less for a hand that hardly holds, none where it has let go."""
-        full = HAND_NSPM + ADDED_NSPM * min(1.0, self.age_s / LATE_S)
-        return full * min(1.0, self.stiffness_npm / DAMPED_NPM)
+        """b_m."""
+        return HAND_NSPM * min(1.0, self.stiffness_npm / DAMPED_NPM) + self.added_nspm
+
+    def follow(self, rate_mps: Sequence[float], passed_s: float) -> None:
+        """Let the drift follow the rate of the intention for a time."""
+        pole = min(1.0, passed_s / DRIFT_S)
+        self.drift_mps = [drift + pole * (rate - drift) for drift, rate in zip(self.drift_mps, rate_mps, strict=True)]
 
 
 def ahead(intention_m: Sequence[float], rate_mps: Sequence[float], age_s: float) -> list[float]:
@@ -60,20 +76,21 @@ def step_object(
         pull = step_s * model.stiffness_npm
         inverse = 1.0 / (MODEL_KG + step_s * (pull + model.damping_nspm) + G)
         weight += G - G * G * inverse
-        shares.append((model.place_m, model.velocity_mps, model.intention_m, pull, inverse))
+        carried = step_s * DRIFTING * model.added_nspm
+        shares.append((model.place_m, model.velocity_mps, model.intention_m, pull, inverse, carried, model.drift_mps))
     for axis, o in enumerate(place_m):
         push = mass_kg * velocity_mps[axis]
         if own is not None:
             push += stiff * (own[0][axis] - o) + damped * own[1][axis]
         drives = []
-        for places, speeds, intended, pull, inverse in shares:
+        for places, speeds, intended, pull, inverse, carried, drift in shares:
             x = places[axis]
             force = stiff * (x - o)
-            drive = inverse * (MODEL_KG * speeds[axis] + pull * (intended[axis] - x) - force)
+            drive = inverse * (MODEL_KG * speeds[axis] + pull * (intended[axis] - x) + carried * drift[axis] - force)
             push += force + G * drive
             drives.append(drive)
         velocity_mps[axis] = v = push / weight
         place_m[axis] = o + step_s * v
-        for (places, speeds, _, _, inverse), drive in zip(shares, drives, strict=True):
+        for (places, speeds, _, _, inverse, _, _), drive in zip(shares, drives, strict=True):
             speeds[axis] = speed = drive + inverse * G * v
             places[axis] += step_s * speed

@@ -8,10 +8,10 @@ b_e its damping, m_d the device's mass, Lp one pole of tau, a = Lp v's derivativ
 At rest e = x + F / k for any k, and whoever models the hand by k about e finds the same x and F again. Primes are differences
 from tick to tick, with the k of now: a k that changes is no motion.
 
-One step q of the encoder moves e by q (1 + K / k), K the spring that holds the hand, and is a rate of r_q = q (1 + K / k) /
-tau_r in a hand at rest. Whoever looks ahead by that feels it, and answers with a step: two hands at rest went on trembling. So
-what is told of a rate r is r max(0, 1 - (r_q / r)^2): nothing of what a step explains, and nearly all of what is much
-faster.
+One step q of the encoder moves e by q (1 + K / k), K the spring that holds the hand, and is a rate of
+r_q = q (1 + K / k) / tau_r in a hand at rest. Whoever looks ahead by that feels it, and answers with a step: two hands at rest
+would tremble on. So what is told of a rate r is r max(0, 1 - (r_q / r)^2): nothing of what a step explains, and nearly all of
+what is much faster.
 """
 
 from collections.abc import Sequence
@@ -20,7 +20,7 @@ from cogrip.client.coupling.partner.hand_stiffness import HAND_NPM
 from cogrip.protocol.laws.partner_model import HAND_NSPM
 
 SMOOTHING_S = 0.01  # tau
-RATE_S = 0.03  # tau_r
+RATE_S = 0.04  # tau_r
 MOST_MPS = 1.0  # fastest intention: a hand that lets go would tell of any speed
 
 

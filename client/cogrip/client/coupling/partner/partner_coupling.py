@@ -22,7 +22,7 @@ from cogrip.client.coupling.partner.trust import Trust
 from cogrip.devices.device import Capability
 from cogrip.machine.addition import add_floats
 from cogrip.machine.rows import Row
-from cogrip.protocol.laws.partner_model import Model, ahead, step_object
+from cogrip.protocol.laws.partner_model import HORIZON_S, Model, ahead, step_object
 from cogrip.protocol.settings.seat import SeatSettings
 from cogrip.protocol.wire.clock import MessageClock
 from cogrip.protocol.wire.handle import Handle
@@ -138,6 +138,7 @@ class PartnerCoupling(LatestStateCoupling[Partner]):
         own, spring = self.grip.stiffness_npm, self._spring[0]
         for known in self.partners.values():
             if known.intent is not None:
+                known.model.follow(known.intent.rate_mps if known.silent_s <= HORIZON_S else self.still, self._frame_s)
                 known.trusted_npm = known.trust.stiffness_npm(known.intent.stiffness_npm, own, spring)
         return self.frame_ticks
 

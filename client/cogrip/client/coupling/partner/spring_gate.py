@@ -7,8 +7,8 @@ Symbols: s stretch of the spring [m], K its stiffness, F_d its damper's force, v
 
     (1) |s| is cut to sqrt(2 max(0, b - D - (1 - T / tau_s) max(0, f - D before)) / K)
     (2) a damper that pushes is cut to what f - D pays for within tau_s; where b < D the damper alone acts, against the hand,
-        which so earns the rest; where b < 0 it does until it has given something out all the same: then nothing does before b
-        is 0 again
+        which so earns the rest; where b < 0 it does until it has given something out all the same: then nothing does before
+        b is 0 again
     (3) what f is above the cap is spilt, above E_0 it is donated, within 50 ms: the counter Don goes to all partners
     (4) a partner credits the growth of the largest counter that it has seen, each its part of it, within 50 ms: at once, it
         would be a step of force
@@ -28,7 +28,7 @@ BUDGET_J = 1e-3 * GATE_MJ  # E_0 of a person
 CAP_J = BUDGET_J + 0.1  # most free energy
 FADE_S = 0.02  # tau_s
 DAMPED_J = (
-    0.001  # D: what a damper gives out as a hand turns, many times over, from which it would not get away below 0
+    0.001  # D: a damper whose speed is told late gives out a part in a thousand of it each time that a hand turns
 )
 DONATED_S = 0.05  # time in which what is above E_0 is donated, and what was donated is credited
 DAMPER_MPS = 0.1  # least speed for which a damper that pushes is paid

@@ -1,4 +1,4 @@
-"""`dev.py bench partners`: two people hold a cube through a relay, live, by waves and by models of each other."""
+"""`dev.py bench partner-live`: two people hold a cube through a relay, live, by waves and by models of each other."""
 
 import re
 import signal
@@ -140,7 +140,7 @@ def recorded(runs: Path, name: str) -> Hand:
     return Hand(force, begun_s, len(ticks) / len(at))
 
 
-def bench_partners(
+def bench_partner_live(
     *, tasks: str = "pull,rest", methods: str = "wave,partner", delays_ms: str = "20,100", json: Json = None
 ) -> int:
     """Measure the error of the force on two hands, live through a relay, beside the cube directly in the hands.
