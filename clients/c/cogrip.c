@@ -2068,8 +2068,8 @@ static void step_copy(
         const double added = ADDED_NSPM * least(1.0, one->age_s / LATE_S) * least(1.0, k / DAMPED_NPM);
         const double damping = HAND_NSPM * least(1.0, k / DAMPED_NPM) + added;
         inertia[place] = MODEL_KG + tick_s * (k * tick_s + damping + G);
-        drive[place] = MODEL_KG * one->velocity_mps[axis]
-            + tick_s * (k * (one->intention_m[axis] - one->place_m[axis]) + DRIFTING * added * one->drift_mps[axis] - K * stretch);
+        const double pull_n = k * (one->intention_m[axis] - one->place_m[axis]) + DRIFTING * added * one->drift_mps[axis];
+        drive[place] = MODEL_KG * one->velocity_mps[axis] + tick_s * (pull_n - K * stretch);
         pull += tick_s * K * stretch + tick_s * G * drive[place] / inertia[place];
         weight += tick_s * G - (tick_s * G) * (tick_s * G) / inertia[place];
     }
