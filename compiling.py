@@ -11,7 +11,7 @@ name of a module is an object in C as well, and each use of it in arithmetic mak
 What a tick never does is out of its way, as a processor forgets pages and lines of code between two ticks: the paths to a
 traceback are put together at the end of a module (`COLD`), loops are not aligned. On Linux many modules are one library, in
 which functions are sorted by name: the typed ones, which a tick runs through, stand together (`link_together`).
-`-O1`: a session takes as long as with `-O2`, as nearly all of it is Python's own code; compiling takes two thirds of the time.
+`-O2`: a session takes 5 % less than with `-O1`, which compiles in three quarters of the time.
 `-ffp-contract=off`: no product and sum are rounded together, so that every number is the interpreted one, bit for bit;
 `-fwrapv`: whole numbers wrap.
 """
@@ -46,7 +46,7 @@ PARTS = ("machine", "protocol", "devices", "client", "server")
 BUILT = TYPES / "built" if INSTALLED else ROOT / ".built"
 SUFFIX = str(sysconfig.get_config_var("EXT_SUFFIX"))
 FLAGS = [
-    "-O1",
+    "-O2",
     "-ffp-contract=off",
     "-fwrapv",
     "-fno-strict-aliasing",
