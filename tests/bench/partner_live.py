@@ -24,9 +24,9 @@ from tests.bench.children import output_at_end, start_cogrip, wait_for_line
 
 NAMES = ("anna", "ben")
 DEVICE = "sim:ideal?mass_kg=0.1&damping_nspm=0.5"
-SECONDS = 5.0  # of the task, from when both are there
+SECONDS = 5.0  # time that is compared, from when both people are there
 LOOSE_S, END_S = 60.0, 60.0
-WAIT_S = 6.0  # after which a hand begins, so that both are there
+WAIT_S = 6.0  # time after which a hand begins, so that both people are there
 COUPLING = {"stiffness_npm": 1000.0, "damping_nspm": 10.0, "impedance_nspm": 20.0}
 
 

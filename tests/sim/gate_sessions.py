@@ -30,7 +30,7 @@ from cogrip.sim.link import LinkEmulator
 
 NETWORK_HZ, TICKS = 128, 8
 TICK_S = 1.0 / (NETWORK_HZ * TICKS)
-POWER_W = 2.0  # of a seat: little, so that a liar who passed it would be seen
+POWER_W = 2.0  # power of a seat: so little that a liar who passed it would be seen
 MASS_KG = 0.1
 
 

@@ -21,8 +21,8 @@ from cogrip.sim.laboratory import Laboratory
 
 Array = npt.NDArray[np.float64]
 Course = tuple[tuple[float, ...], tuple[float, ...]]
-START_S = 2.0  # by when everybody is there and rests
-SKIP_S = 0.25  # of the task, not counted: it begins at rest
+START_S = 2.0  # time by which everybody is there and rests
+SKIP_S = 0.25  # first part of a task that is not counted, as it begins at rest
 K_NPM, B_NSPM, OBJECT_KG = 1000.0, 10.0, 0.2
 EXACT, REAL = "sim:ideal?mass_kg=0.1&damping_nspm=0.5", "sim:phantom"
 

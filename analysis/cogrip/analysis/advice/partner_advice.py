@@ -7,7 +7,7 @@ from cogrip.analysis.linear.partner_loop import PartnerLoop
 from cogrip.protocol.settings.coupling_kinds import GATE_MJ
 from cogrip.protocol.settings.sections import Settings
 
-HANDS_NPM = (40.0, 80.0, 150.0, 300.0, 600.0, 1000.0)  # of a limp hand to a stiff one
+HANDS_NPM = (40.0, 80.0, 150.0, 300.0, 600.0, 1000.0)  # stiffness of the hands advised on, a limp one to a stiff one
 USUAL_NPM = 300.0
 LONG_MS = 100.0  # delay each way from which hands that move alike feel as much error as force (docs/partner.md)
 

@@ -12,13 +12,13 @@ evenly does not drag its partners by all of a damping that only keeps a loop bel
 
 from collections.abc import Sequence
 
-MODEL_KG = 0.1  # m_d
+MODEL_KG = 0.1  # m_d, mass of the device in a model
 HAND_NSPM = 5.0  # b_e, damping of a hand in the estimate of its intention
-ADDED_NSPM = 10.0  # what a model's b_m has above b_e where it is late, which keeps the loop of two clients below 1
+ADDED_NSPM = 10.0  # damping b_m - b_e that a late model has more; it keeps the loop of two clients below 1
 MODEL_NSPM = HAND_NSPM + ADDED_NSPM  # b_m of a model that is late
 DRIFTING = 0.5  # part of the added damping that acts against the drift of an intention, and not against rest
 DRIFT_S = 0.1  # time constant of that drift
-LATE_S = 0.04  # age of an intention from which on it has all of it
+LATE_S = 0.04  # age of an intention from which its model has all of the added damping
 DAMPED_NPM = 150.0  # least stiffness of a hand whose model has all of b_m
 HORIZON_S = 0.1  # h, the longest time for which an intention is taken to go on
 

@@ -20,7 +20,7 @@ from cogrip.machine.addition import add_floats
 MEAN_S = 2.0  # time constant of the means
 ROUGH_M = 0.001  # r: intentions that differ by less tell nothing
 LEAST = 0.02  # w below which a model has no stiffness at all
-KEPT_S = 2.0  # longest loop that is gone by
+KEPT_S = 2.0  # longest loop for which intentions are remembered
 
 
 class Trust:
