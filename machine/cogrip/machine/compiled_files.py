@@ -16,7 +16,7 @@ from types import ModuleType
 from typing import NamedTuple
 
 SUFFIX = EXTENSION_SUFFIXES[0]
-NAME = f"form{SUFFIX.removesuffix('.so').removesuffix('.pyd')}.json"  # name of the file that tells what was built for this kind of Python
+NAME = f"form{SUFFIX.removesuffix('.so').removesuffix('.pyd')}.json"  # file that tells what was built for this kind of Python
 SOURCES = (".py", ".pyx", ".pxd")
 PARTS = ("machine", "protocol", "devices", "client", "server")  # packages in which modules are compiled
 LINUX_ONLY = ("datagram_batch", "large_pages")
