@@ -13,8 +13,8 @@ from cogrip.machine.addition import add_floats
 from cogrip.protocol.laws.waves import proxy_velocity, server_wave
 from cogrip.protocol.settings.seat import SeatSettings
 from cogrip.server.worlds.grip import GripWorld
-from cogrip.server.worlds.grip_step import RAMP_S
-from cogrip.server.worlds.world import MOST_SAVED_J, Array, World, dot
+from cogrip.server.worlds.grip_step import MOST_SAVED_J, RAMP_S
+from cogrip.server.worlds.world import Array, World, dot
 
 from tests.server.object_worlds import FOLLOWING, drawn_seats, seats
 

@@ -14,8 +14,8 @@ from cogrip.server.core import ServerCore
 from cogrip.server.schemes import make_world
 from cogrip.server.seats.stiffness_adaptation import FOLLOW_S, REPORT_EVERY_S, REPORTS, StiffnessAdapter
 from cogrip.server.worlds.grip import GripWorld
+from cogrip.server.worlds.grip_step import MOST_SAVED_J
 from cogrip.server.worlds.push import PushWorld
-from cogrip.server.worlds.world import MOST_SAVED_J
 
 from tests.server.object_worlds import FOLLOWING, drawn_seats, stored_j
 

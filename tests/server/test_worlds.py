@@ -39,8 +39,8 @@ def spread(random: np.random.Generator, low: float, high: float, shape: tuple[in
 def draw(world: World, random: np.random.Generator) -> None:
     """Parameters and state at random, everyone seated."""
     count = len(world.side)
-    world.impedance = 10.0 ** random.uniform(-1, 3, (count, 1))
-    world.wave_gain = np.sqrt(2.0 / world.impedance)
+    for user, impedance in enumerate(10.0 ** random.uniform(-1, 3, count)):
+        world.set_impedance(user, float(impedance))
     world.stiffness = world.target_stiffness = spread(random, 1.0, 1e6, (count, 1))
     world.damping = world.target_damping = spread(random, 1e-2, 1e3, (count, 1))
     world.mass_kg = float(10.0 ** random.uniform(-3, 2))

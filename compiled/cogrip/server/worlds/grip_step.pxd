@@ -18,6 +18,9 @@ cdef class GripStep(WorldStep):
     cdef public double[::1] B
     cdef public double[::1] b
     cdef public double[::1] c
+    cdef public double[::1] target
+    cdef public double[::1] held
+    cdef public double[::1] adapts
     cdef double[::1] _drive
     cdef double[::1] _gain
     cdef double[::1] _beta
@@ -47,8 +50,10 @@ cdef class GripStep(WorldStep):
         relative=double, work=double, before=double, total=double, taken=double, error=double,
     )
     cpdef list step(self, rows)
-    @cython.locals(user=Py_ssize_t)
-    cpdef save(self)
+    @cython.locals(user=Py_ssize_t, paid="double[::1]")
+    cpdef grow(self)
+    @cython.locals(at=Py_ssize_t, square=double, step=double)
+    cdef _raise_stiffness(self, Py_ssize_t user, double target)
     @cython.locals(axis=Py_ssize_t)
     cdef bint _within(self, double most_m)
     cpdef moved(self)

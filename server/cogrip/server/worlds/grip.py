@@ -16,7 +16,7 @@ from cogrip.machine.rows import Row
 from cogrip.protocol.settings.seat import SeatSettings
 from cogrip.server.worlds.accounts import Accounts
 from cogrip.server.worlds.grip_step import GripStep
-from cogrip.server.worlds.world import MOST_SAVED_J, Array, World, dot
+from cogrip.server.worlds.world import Array, World, dot
 from cogrip.server.worlds.world_step import WorldStep
 
 
@@ -69,8 +69,8 @@ class GripWorld(World):
         axes = max(seat.object.axes for seat in seats)
         self.moving = GripStep(self, len(seats), axes, first.rates.frame_s)
         super().__init__(seats)
-        self._adapts_stiffness: list[bool] = self.adapts_stiffness.tolist()
-        self.moving.saving = any(self._adapts_stiffness)
+        self.moving.b, self.moving.c = array("d", self.impedance[:, 0]), array("d", self.wave_gain[:, 0])
+        self.moving.adapts, self.moving.saving = array("d", self.adapts_stiffness), bool(self.adapts_stiffness.any())
         self._offsets: dict[int, list[float]] = {}  # of users, in plain floats
         self.accounts = GripAccounts(self)
 
@@ -99,30 +99,20 @@ class GripWorld(World):
     def _excess_j(self, excess: Sequence[float]) -> None:
         self.moving.excess = array("d", excess)
 
-    def ports_changed(self) -> None:
-        """Let the next step compute the ports' constants anew."""
-        self.moving.settled = False
-
     def impedance_changed(self, user: int) -> None:
         super().impedance_changed(user)
-        self.ports_changed()
-
-    def _settle(self) -> None:
-        """Compute the constants of stiffness, damping and impedance, which have changed."""
-        self.moving.b = array("d", self.impedance[:, 0].tolist())
-        self.moving.c = array("d", self.wave_gain[:, 0].tolist())
-        self.moving.settle()
+        self.moving.b[user], self.moving.c[user] = float(self.impedance[user, 0]), float(self.wave_gain[user, 0])
+        self.moving.settled = False
 
     def set_target_stiffness(self, user: int, stiffness_npm: float) -> None:
-        self.target_stiffness[user] = stiffness_npm
-        self._growing = True
+        self.moving.target[user] = stiffness_npm
+        self.moving.growing = True
 
     def join(self, user: int, position_m: Array) -> None:
         self.offset[user] = position_m - self.position
         self._offsets.clear()
         self.moving.put(user, float(self.target_damping[user, 0]))
         self.holding[user] = True
-        self._growing = True
 
     def leave(self, user: int) -> None:
         self.holding[user] = False
@@ -132,30 +122,11 @@ class GripWorld(World):
         return np.array(self.advance([tuple(row) for row in inputs.tolist()]))
 
     def advance(self, rows: Sequence[Row]) -> Sequence[Sequence[float]]:
-        if not self.moving.settled:
-            self._settle()
-        answers = self.moving.step(rows)
-        if self._growing or self.moving.saving:
-            self.moving.save()
-        if self._growing:
-            self._grow_now()
-        if self.moving.saving:
-            paid = self._paid_j
-            self._paid_j = [
-                min(each, MOST_SAVED_J) if follows else each
-                for each, follows in zip(paid, self._adapts_stiffness, strict=True)
-            ]
-        return answers
-
-    def _grow_now(self) -> None:
-        self._growing = False
-        for user, target in enumerate(self.target_stiffness[:, 0].tolist()):
-            if self.holding[user]:
-                self.moving.grow(user, target)
-                self._growing = self._growing or self.moving.K[user] != target
+        return self.moving.advance(rows)
 
     def restore(self, saved: Row) -> None:
         super().restore(saved)
+        self.moving.held = array("d", self.holding.tolist())
         self._offsets.clear()
 
     def proxy(self, user: int) -> Array:
@@ -189,7 +160,8 @@ class GripWorld(World):
 
     position, velocity, external_force = StepState("place", "a"), StepState("speed", "a"), StepState("external", "a")
     force, stretch = StepState("force", "na"), StepState("stretch", "na")
-    stiffness, damping, port_work = StepState("K", "n1"), StepState("B", "n1"), StepState("work", "n")
+    stiffness, damping, target_stiffness = StepState("K", "n1"), StepState("B", "n1"), StepState("target", "n1")
+    port_work = StepState("work", "n")
     mass_kg, object_damping, balance_error_j = StepNumber("mass_kg"), StepNumber("damping"), StepNumber("error_j")
     _growing = StepNumber("growing")
 

@@ -14,6 +14,7 @@ from cogrip.protocol.axes import PLACES
 from cogrip.protocol.settings.effects import Effect
 from cogrip.server.worlds.world_step import REACH_M, WORKSPACE_M, WorldStep
 
+MOST_SAVED_J = 0.05  # most energy that a spring may save to grow stiffer: what can be spent at once is bounded
 RAMP_S = 0.3  # time in which a newcomer's stiffness grows, energy permitting
 
 
@@ -30,6 +31,8 @@ class GripStep(WorldStep):
     K, B, b, c              of each person: stiffness, damping, wave impedance, wave gain
     work, excess            of each person: energy out of the line so far, and how much that is above the exact sum [J]
     paid                    of each person: energy that the spring may spend on growing stiffer [J]
+    target, held, adapts    of each person: the stiffness to which K grows; 1 while the object is held; 1 where the spring saves
+                            what its damper takes, while it does not grow too
     settled                 `settle` has been called since K, B, b or c was changed
     growing                 a spring may still grow stiffer
     saving                  a spring saves energy to grow stiffer with
@@ -47,6 +50,7 @@ class GripStep(WorldStep):
         self.place, self.speed, self.external = zeros(axes), zeros(axes), zeros(axes)
         self.stretch, self.force = zeros(entries), zeros(entries)
         self.K, self.B, self.b, self.c = zeros(users), zeros(users), zeros(users), zeros(users)
+        self.target, self.held, self.adapts = zeros(users), zeros(users), zeros(users)
         self._drive, self._gain, self._beta = zeros(users), zeros(users), zeros(users)  # see `settle`
         self._beta_sum = 0.0
         self.work, self.excess, self.paid = zeros(users), zeros(users), zeros(users)
@@ -71,20 +75,24 @@ class GripStep(WorldStep):
         for at in range(user * self.axes, (user + 1) * self.axes):
             self.stretch[at] = 0.0
         self.K[user], self.B[user], self.paid[user] = 0.0, damping, 0.0
-        self.settled = False
+        self.held[user] = 1.0
+        self.growing, self.settled = True, False
 
     def take_away(self, user: int) -> None:
         """Let a person go."""
         for at in range(user * self.axes, (user + 1) * self.axes):
             self.stretch[at] = self.force[at] = 0.0
-        self.K[user] = self.B[user] = 0.0
+        self.K[user] = self.B[user] = self.held[user] = 0.0
         self.settled = False
 
-    def advance(self, rows: Sequence[Row]) -> Sequence[Sequence[float]]:
-        """Advance by one frame: here, unless the world has something to do beside it."""
-        if self.settled and not self.growing and not self.saving:
-            return self.step(rows)
-        return WorldStep.advance(self, rows)
+    def advance(self, rows: Sequence[Row]) -> list[Row]:
+        """Advance by one frame as `step` does; let springs grow before the next one."""
+        if not self.settled:
+            self.settle()
+        answers = self.step(rows)
+        if self.growing or self.saving:
+            self.grow()
+        return answers
 
     def step(self, rows: Sequence[Row]) -> list[Row]:
         """Advance by one frame; take a row of waves of each person, and return the rows that go back."""
@@ -158,17 +166,25 @@ class GripStep(WorldStep):
             self.error_j = error
         return answers
 
-    def save(self) -> None:
-        """Keep what each person's damper has taken in the step, to grow stiffer with."""
-        for user in range(self.users):
-            self.paid[user] += self._frame_s * self._taken[user]
-
-    def grow(self, user: int, target: float) -> None:
-        """Move a person's K towards its target (theory 3.7).
+    def grow(self) -> None:
+        """Save what dampers have taken in the step, and move each K towards its target (theory 3.7).
 
         To raise it by dK costs dK e^2 / 2, which is paid from what the person's own damper has taken; to lower it takes as
         much from the spring, which is saved.
         """
+        for user in range(self.users):
+            self.paid[user] += self._frame_s * self._taken[user]
+        if self.growing:
+            self.growing = False
+            for user in range(self.users):
+                if self.held[user] != 0.0:
+                    self._raise_stiffness(user, self.target[user])
+        if self.saving:
+            for user in range(self.users):
+                if self.adapts[user] != 0.0 and self.paid[user] > MOST_SAVED_J:
+                    self.paid[user] = MOST_SAVED_J
+
+    def _raise_stiffness(self, user: int, target: float) -> None:
         square = 0.0
         for at in range(user * self.axes, (user + 1) * self.axes):
             square += self.stretch[at] * self.stretch[at]
@@ -178,6 +194,7 @@ class GripStep(WorldStep):
         self.paid[user] -= 0.5 * step * square
         self.K[user] += step
         self.settled = False
+        self.growing = self.growing or self.K[user] != target
 
     def engaged_at(self, user: int) -> Row:
         return ()

@@ -9,8 +9,8 @@ from collections.abc import Sequence
 import numpy as np
 
 from cogrip.protocol.settings.seat import SeatSettings
-from cogrip.server.worlds.grip_step import RAMP_S
-from cogrip.server.worlds.world import MOST_SAVED_J, Array, HandWorld, dot
+from cogrip.server.worlds.grip_step import MOST_SAVED_J, RAMP_S
+from cogrip.server.worlds.world import Array, HandWorld, dot
 
 
 class PushWorld(HandWorld):

@@ -28,8 +28,6 @@ from cogrip.server.worlds.world_step import WorldStep
 
 Array = NDArray[np.float64]
 
-MOST_SAVED_J = 0.05  # most energy that a spring may save to grow stiffer: what can be spent at once is bounded
-
 
 class WorldError(ForeignFileError, ArithmeticError):
     """A world that cannot go on from the state that it has reached. The text says which."""
