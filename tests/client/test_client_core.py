@@ -7,9 +7,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from cogrip.client.hand.felt_stiffness import REST_S, FeltStiffness
 from cogrip.client.inputs import DeviceOpened, Rearm
 from cogrip.client.seat.hand_motion import RECKON_S
-from cogrip.client.seat.seated import REST_S, FeltStiffness
 from cogrip.protocol.line.concealment import ELASTIC_LIMIT
 from cogrip.protocol.wire import messages
 from cogrip.protocol.wire.messages import Farewell, Power, Stamp, State, Waves

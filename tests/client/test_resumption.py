@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 
 from cogrip.client.inputs import Stop
 from cogrip.client.safety.limiter import RAMP_IN_S
-from cogrip.client.seat.seated import LEAVE_FADE_S
+from cogrip.client.seat.leaving import FADE_S
 from cogrip.devices.device import Sample
 from cogrip.protocol.settings.sections import Playout
 from cogrip.protocol.wire.accounts import LinkCount
@@ -171,11 +171,11 @@ def test_a_hand_that_stops_releases_the_object_slowly_and_then_leaves() -> None:
         client.run(range(number, number + 1), wave=-0.3)
         number += 1
     loop = client.waves.loop_frames() or 0.0
-    assert number - 400 == pytest.approx(LEAVE_FADE_S * DEVICE_HZ + loop * M, abs=M + 1)
+    assert number - 400 == pytest.approx(FADE_S * DEVICE_HZ + loop * M, abs=M + 1)
     waves = [wave for (wave,) in client.frames()]
     assert waves[0] == pytest.approx(0.3, rel=0.02), "a hand at rest reflects"
     assert waves[-1] == pytest.approx(-0.15, rel=0.1), "a released end yields by half"
-    assert max(abs(np.diff(waves))) < 0.45 / (LEAVE_FADE_S / T_N) * 1.1
+    assert max(abs(np.diff(waves))) < 0.45 / (FADE_S / T_N) * 1.1
     assert client.core.force_n == (0.0,)
 
 

@@ -81,7 +81,7 @@ def test_a_spring_between_the_fingers_is_in_series_with_the_line(
     seat = held.people[0].core.seated
     assert seat.safety.state == "live"
     loop_frames = seat.coupling.loop_frames()
-    loop_s = (loop_frames + sum(seat.deficit_frames) / len(seat.deficit_frames)) * seat.settings.rates.frame_s
+    loop_s = (loop_frames + seat.rest.mean_deficit_frames()) * seat.settings.rates.frame_s
     expected = 1.0 / (1.0 / K_NPM + loop_s / (2.0 * b_nspm))
     force_n, stretch_m = (sum(column) / 128 for column in zip(*felt[-128:], strict=True))
     assert force_n < -1.0

@@ -4,7 +4,6 @@ from msgspec.structs import replace
 
 from cogrip.client.safety.limiter import Safety
 from cogrip.client.seat.seated import SeatedClient
-from cogrip.machine.addition import add_floats
 from cogrip.machine.tick_count import Percentiles, TickCount
 from cogrip.protocol.texts import clipped
 from cogrip.protocol.wire.accounts import LEFT, REASON_BYTES, SATURATED, ClientAccount, DelayAccount
@@ -51,12 +50,12 @@ def _predicted_npm(seat: SeatedClient) -> float | None:
     """Return the stiffness that the hand is to feel over the loop as measured [N/m]; None where there is no model."""
     if (loop := seat.coupling.loop_frames()) is None:
         return None
-    more = seat.late_frames + add_floats(seat.deficit_frames) / max(1, len(seat.deficit_frames))
+    more = seat.late_frames + seat.rest.mean_deficit_frames()
     now = replace(seat.coupling.seat_now(), tool=seat.settings.tool)
     return now.predicted_stiffness(loop, more)
 
 
 def _felt_npm(seat: SeatedClient) -> float | None:
     """Return the stiffness that the hand felt at rest [N/m]; None where it was not measured."""
-    found = seat.felt.stiffness_npm() if seat.felt else None
+    found = seat.rest.stiffness_npm()
     return None if found is None else seat.settings.force_scale * found

@@ -1,14 +1,12 @@
 """The part of a client that exists only with a seat: hand, coupling, safety, device port and energy ledger.
 
 A tick has two halves. `sense` adds the hand's motion since the last tick to coupling and ledgers and, at the end of a frame,
-sends the frame; `act` plays the wave that has come and returns the force to hold until the next tick. In a tick that was
-skipped the device held the last force: its waves are computed as well.
+sends the frame; `act` plays the wave that has come and returns the force to hold until the next tick (`HandForce`). In a tick
+that was skipped the device held the last force: its waves are computed as well.
 """
 
-from collections import deque
 from collections.abc import Callable, Sequence
-from math import dist, inf
-from operator import mul
+from math import dist
 
 from msgspec.structs import replace
 
@@ -16,32 +14,29 @@ from cogrip.client.coupling.interface import Coupling
 from cogrip.client.coupling.schemes import make_coupling
 from cogrip.client.effects.effect_force import EffectForce
 from cogrip.client.hand.axes import AxisUnits
-from cogrip.client.hand.felt_stiffness import REST_S, FeltStiffness
 from cogrip.client.hand.grip_axes import GripAxes
 from cogrip.client.hand.handle import HandleReader, has_handle
 from cogrip.client.hand.pose_axes import PoseAxes
-from cogrip.client.rows.springs import part_of
 from cogrip.client.safety.device_port import Cause, DevicePort, cure
 from cogrip.client.safety.limiter import DRIVES, Safety
 from cogrip.client.safety.shaking import Shaking
+from cogrip.client.seat.hand_force import HandForce
 from cogrip.client.seat.hand_motion import HandMotion, work_and_velocity
 from cogrip.client.seat.hand_orders import HandOrders
+from cogrip.client.seat.leaving import Leaving
 from cogrip.client.seat.peaks import Peaks
+from cogrip.client.seat.rest_feel import RestFeel
 from cogrip.client.seat.work_account import WorkAccount
-from cogrip.client.sources.force_source import AtHand, ForceSources
+from cogrip.client.sources.force_source import ForceSources
 from cogrip.client.sources.hand_aids import HandAids
 from cogrip.devices.device import Capability
 from cogrip.devices.sample import Sample
-from cogrip.machine.addition import add_floats
 from cogrip.machine.rows import Row
 from cogrip.protocol.axes import GRIP_AXES, PLACES, POSE_AXES
 from cogrip.protocol.settings.seat import SeatSettings
 from cogrip.protocol.wire.messages import FRAMES, Edges, Effects, Frame, View, encode
 from cogrip.protocol.wire.session import ClientSession
 
-LEAVE_FADE_S = 0.5  # time from `stop` in which what the line still holds the object by fades
-MOST_LOOP_S = 0.5
-"""A client that leaves then stays for one measured loop, and this at most, so that the end of the fade arrives."""
 MakePort = Callable[[Capability, float, int], DevicePort]
 
 
@@ -61,10 +56,10 @@ class SeatedClient:
     """
 
     __slots__ = (
-        "_acted", "_frame_begin", "_frame_end", "_frame_start_m", "_origin_m", "_origin_pose", "_rate_hz", "_record",
-        "_stop_mps", "_stopped", "_ticks_per_frame", "_wave_end", "aids", "capability", "coupling",
-        "deficit_frames", "effects", "felt", "force_n", "frame", "hand", "handle", "ledger", "orders", "peaks", "port",
-        "safety", "session", "session_id", "settings", "shaking", "sources", "tick", "units",
+        "_acted", "_force", "_frame_begin", "_frame_end", "_frame_start_m", "_leaving", "_origin_m", "_origin_pose", "_rate_hz",
+        "_record", "_ticks_per_frame", "_wave_end", "aids", "capability", "coupling", "effects", "force_n", "frame", "hand",
+        "handle", "ledger", "orders", "peaks", "port", "rest", "safety", "session", "session_id", "settings", "shaking",
+        "sources", "tick", "units",
     )  # fmt: skip
 
     def __init__(self, seat: SeatSettings, session: ClientSession, capability: Capability, make_port: MakePort) -> None:
@@ -85,14 +80,14 @@ class SeatedClient:
         self.port = make_port(self._record, rates.tick_s, rates.ticks_per_frame)
         self.sources = ForceSources(self.effects, self.aids)
         self.sources.fit(self._record, self.capability, self.port.tolerated_j)
+        self.shaking = Shaking(axes, rates.tick_s)
+        self._force = HandForce(self.coupling, self.sources, self.port, self.safety, self.shaking)
         # Accounts
         self.ledger = WorkAccount(self.coupling)
         if self.frame.mapped:
             self.ledger.set_power_ratio(self.frame.power_ratio)
         self.peaks = Peaks()
-        self.shaking = Shaking(axes, rates.tick_s)
-        self.felt = FeltStiffness(self.capability.resolution_m, rates.frame_s) if seat.holds_still else None
-        self.deficit_frames: deque[float] = deque(maxlen=max(2, round(REST_S / rates.frame_s)))  # of the last live ones
+        self.rest = RestFeel(seat, self.capability.resolution_m)
         # The tick and the frame under way
         self.force_n: Row = (0.0,) * axes
         self.tick = self._acted = -1
@@ -104,8 +99,7 @@ class SeatedClient:
         self._origin_m: Row | None = None
         self._origin_pose: Row = ()
         self._frame_start_m: tuple[float, ...] = ()
-        self._stopped: int | None = None  # tick of `stop`
-        self._stop_mps: Sequence[float] = self.force_n  # velocity of the hand at `stop`
+        self._leaving = Leaving(axes, self._rate_hz)
         self._fit()
 
     # Where hand and tool are
@@ -158,8 +152,7 @@ class SeatedClient:
 
     def _fit(self) -> None:
         """Set resolution, lag and age of samples of the device record in coupling and ledger."""
-        if self.felt is not None:
-            self.felt.resolution_m = self.capability.resolution_m
+        self.rest.set_resolution(self.capability.resolution_m)
         self.ledger.set_latency(self.capability.latency_ticks)
         self._fit_coupling()
 
@@ -169,7 +162,7 @@ class SeatedClient:
 
     def equip(self, capability: Capability) -> None:
         """Set the record of the device that is open now."""
-        if self.tick < 0 and self.safety.state == "idle" and self._stopped is None:
+        if self.tick < 0 and self.safety.state == "idle" and self._leaving.began is None:
             self.safety.event("open")
         self._set_record(capability)
         self.safety.set_record(self.capability)
@@ -182,7 +175,7 @@ class SeatedClient:
         """Begin a new wave line for a resumed session. The ticks of the frame under way carry no motion."""
         self.session_id = session_id
         self.orders.changes.begin()
-        self.coupling = coupling = make_coupling(self.settings)
+        self.coupling = self._force.coupling = coupling = make_coupling(self.settings)
         self.ledger.begin_line(coupling)
         self.sources.forget()
         self._fit_coupling()
@@ -239,7 +232,7 @@ class SeatedClient:
     def stop(self) -> None:
         """Release the hand and the object."""
         if self.safety.event("stop"):
-            self._stopped = self.tick
+            self._leaving.began = self.tick
 
     def rearm(self) -> None:
         """Leave a latched fault."""
@@ -326,11 +319,12 @@ class SeatedClient:
         if frame.mapped:
             mean, velocity = frame.shown(mean), frame.shown(velocity)
         ended, absent, held, hold = False, self.safety.state == "fault", frame.held, 1.0
-        if self._stopped is None:
-            self._stop_mps = mean
-        else:  # the fading force lets the hand move off: the line gets the velocity at `stop`, scaled by `hold`
-            hold = max(0.0, 1.0 - (self.tick - self._stopped) / (LEAVE_FADE_S * self._rate_hz))
-            velocity = mean = self._stop_mps
+        leaving = self._leaving
+        if leaving.began is None:
+            leaving.velocity_mps = mean
+        else:
+            hold, velocity = leaving.hold(self.tick), leaving.velocity_mps
+            mean = velocity
         port = self.port
         for tick in range(first, self.tick + 1):
             if tick > self._wave_end:  # the wave ended within the ticks that were skipped
@@ -377,13 +371,7 @@ class SeatedClient:
         self.port.end_frame(start_m, position_m, ticks / self._rate_hz, stored_j)
         if self.safety.state != "live":  # the force is released
             return
-        self.deficit_frames.append(max(0.0, self.coupling.deficit_frames))
-        if self.felt is not None:
-            side = self.settings.side_sign
-            force_n = self.frame.tool_force(sources.rest_of(self.force_n))
-            position_m = self.frame.place(position_m)
-            depth, direction = self.coupling.pressed or (side * position_m[0], (side,))
-            self.felt.add(depth, add_floats(map(mul, direction, force_n)))
+        self.rest.enter(self.coupling, self.frame, position_m, sources.rest_of(self.force_n))
 
     def act(self, now_ns: int) -> tuple[float, ...]:
         """Return force [N], torque [N m] or the gripper's force [N], shape (axes,), to hold for a tick: F of P eq. 9."""
@@ -401,59 +389,12 @@ class SeatedClient:
             safety.event("stale", "nothing new from the server")
         elif safety.state == "degraded" and not self.port.releasing:
             safety.event("fresh")
-        force = self._render()
+        force = self._force.force(self.tick, self.hand, self.frame)
+        if self._force.cause:
+            self._degrade(self._force.cause)
         self.peaks.enter(force, self.force_n, self.units)
-        if safety.state == "live" and safety.gain == 1.0:
-            self.shaking.enter(self.sources.rest_of(force) if self.sources.present else force)
-        else:
-            self.shaking.pause()
         self.force_n = force
         return self.units.wrench(force) if self.units.further else force
-
-    def _render(self) -> tuple[float, ...]:
-        """Return the force of this tick [N], shape (axes,): of coupling and sources, limited by energy, then by `safety`."""
-        coupling, safety, port, hand, frame = self.coupling, self.safety, self.port, self.hand, self.frame
-        sources, at_m, velocity = self.sources, hand.position_m, hand.velocity_mps
-        port.elapse()
-        coupling.carried_nspm = carried = port.carried_nspm / frame.stiffest
-        coupling.cut_n = wanted_n = limited_n = None
-        if safety.state == "fault":
-            sources.begin_anew()
-        else:
-            wanted_n = frame.hand_force(coupling.force(frame.place(at_m), frame.rates(velocity)))
-            if sources.present:
-                carried_npm = carried / port.lag_s if port.lag_s else inf
-                at = AtHand(self.tick, at_m, velocity, frame, safety.coming_gain(), carried, carried_npm)
-                wanted_n = sources.added(wanted_n, at)
-            sources.wish_n = wanted_n = port.damped(wanted_n, velocity)
-            limited_n = port.limit(wanted_n)
-        force = safety.limit(limited_n, coupling.gap())
-        coupling.ramp_gain, port.ramped = safety.gain, safety.gain != 1.0
-        if wanted_n is not None and safety.state == "live":
-            self._watch(wanted_n, force)
-        return force
-
-    def _watch(self, wanted_n: Sequence[float], force: tuple[float, ...]) -> None:
-        """Tell the coupling what limits took of its part of the force, and let the port look whether the force oscillates."""
-        coupling, safety, port, sources = self.coupling, self.safety, self.port, self.sources
-        local_n: Sequence[float] = self.frame.hand_force(coupling.local_n)
-        watched_n: Sequence[float] = force
-        reduced = coupling.reduced
-        if sources.asked_n is not None:
-            local_n, watched_n = sources.watched(local_n, force, safety.gain)
-            reduced = reduced or sources.reduced
-        if port.ramped:
-            local_n = [safety.gain * local for local in local_n]
-        elif (clamped_n := safety.clamped_n) is not wanted_n:
-            # The line must not be given energy for force that limits removed
-            if (others_n := sources.asked_n) is None:
-                cut_n = [wish - left for wish, left in zip(wanted_n, clamped_n, strict=True)]
-            else:
-                fraction = 1.0 - part_of(clamped_n, wanted_n)
-                cut_n = [fraction * (wish - other) for wish, other in zip(wanted_n, others_n, strict=True)]
-            coupling.cut_n = self.frame.tool_force(cut_n)
-        if cause := port.watch(watched_n, safety.at_peak(), local_n, safety.limited, reduced, coupling.absorbs):
-            self._degrade(cause)
 
     def _degrade(self, cause: Cause) -> None:
         """Ramp the force out (`degraded`); a fault where that has not helped MOST_RELEASES times."""
@@ -471,10 +412,10 @@ class SeatedClient:
     @property
     def may_leave(self) -> bool:
         """True once no force is left on the hand, and the server knows: leaving is then no force step for the others."""
-        if not self.safety.quiet or self._stopped is None or self.session.state != "seated":
+        if not self.safety.quiet or self._leaving.began is None or self.session.state != "seated":
             return self.safety.quiet
         loop_s = ((self.coupling.loop_frames() or 0.0) + self.late_frames) * self._ticks_per_frame / self._rate_hz
-        return self.tick - self._stopped >= (LEAVE_FADE_S + min(loop_s, MOST_LOOP_S)) * self._rate_hz
+        return self._leaving.over(self.tick, loop_s)
 
     @property
     def late_frames(self) -> float:

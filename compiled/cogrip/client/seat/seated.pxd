@@ -6,12 +6,12 @@ from cogrip.client.seat.work_account cimport WorkAccount
 from cogrip.client.sources.force_source cimport ForceSources
 from cogrip.client.hand.axes cimport AxisUnits
 from cogrip.client.hand.frame cimport HandFrame
+from cogrip.client.seat.hand_force cimport HandForce
 from cogrip.client.seat.hand_motion cimport HandMotion, work_and_velocity
 from cogrip.client.seat.peaks cimport Peaks
 from cogrip.client.safety.limiter cimport Safety
 from cogrip.client.safety.shaking cimport Shaking
 from cogrip.devices.sample cimport Sample
-from cogrip.machine.addition cimport add_floats
 from cogrip.protocol.wire.session cimport ClientSession
 
 
@@ -34,6 +34,7 @@ cdef class SeatedClient:
     cdef public tuple force_n
     cdef public object session_id
     cdef public DevicePort port
+    cdef public HandForce _force
     cdef public Peaks peaks
     cdef public Shaking shaking
     cdef public long long tick
@@ -41,15 +42,13 @@ cdef class SeatedClient:
     cdef public long long _ticks_per_frame
     cdef public long long _frame_begin
     cdef public long long _frame_end
-    cdef public object deficit_frames
     cdef public long long _wave_end
     cdef public double _rate_hz
     cdef public object _origin_m
     cdef public tuple _origin_pose
     cdef public tuple _frame_start_m
-    cdef public object _stopped
-    cdef public object _stop_mps
-    cdef public object felt
+    cdef public object _leaving
+    cdef public object rest
 
     @cython.locals(elapsed="long long", hand=HandMotion, ended=bint)
     cpdef sense(self, long long tick, Sample sample, long long now_ns)
@@ -69,14 +68,4 @@ cdef class SeatedClient:
     cdef _end_frame(self, tuple position_m, long long ticks)
     @cython.locals(coupling=Coupling, safety=Safety, force=tuple)
     cpdef tuple act(self, long long now_ns)
-    @cython.locals(
-        coupling=Coupling, safety=Safety, port=DevicePort, hand=HandMotion, frame=HandFrame, sources=ForceSources,
-        force=tuple, carried=double, carried_npm=double,
-    )
-    cdef tuple _render(self)
-    @cython.locals(
-        coupling=Coupling, safety=Safety, port=DevicePort, sources=ForceSources, reduced=bint, fraction=double, wish=double,
-        local=double, left=double, other=double,
-    )
-    cdef _watch(self, wanted_n, tuple force)
     cdef _degrade(self, cause)
