@@ -1,4 +1,4 @@
-"""What a hand at rest feels of the object: measured, and what the stiffness that it is to feel depends on."""
+"""Feel of a hand at rest: its stiffness as measured, and what softens the one that it is to feel."""
 
 from collections import deque
 from collections.abc import Sequence
