@@ -1,10 +1,11 @@
 """A server's socket on this machine, and paths that are drained until something has come of it."""
 
 import socket
-import time
 from collections.abc import Callable
 
 from cogrip.client.io.paths import Paths
+
+from tests.fair_time import FairTime
 
 LIMIT_S = 60.0
 
@@ -36,9 +37,9 @@ def drain_until(
 ) -> list[bytes]:
     """Drain until `done` says so of what has come, and send this hello each time. A `welcome` is the answer to a hello."""
     taken: list[bytes] = []
-    until = time.monotonic() + LIMIT_S
+    waited = FairTime()
     while not done(taken):
-        assert time.monotonic() < until, "nothing came"
+        assert waited.spent_s() < LIMIT_S, "nothing came"
         if hello:
             paths.send(hello, hello=True)
         paths.drain(0, lambda message, at_ns: taken.append(message), lambda message: message == b"welcome", *redirect)
