@@ -1,5 +1,6 @@
 cimport cython
 
+from cogrip.machine cimport in_place
 from cogrip.server.worlds.world_step cimport WorldStep
 
 
@@ -42,10 +43,10 @@ cdef class GripStep(WorldStep):
     cpdef settle(self)
     @cython.locals(
         users=Py_ssize_t, axes=Py_ssize_t, user=Py_ssize_t, axis=Py_ssize_t, at=Py_ssize_t, period=double, mass=double,
-        K="double[::1]", B="double[::1]", b="double[::1]", c="double[::1]", drive="double[::1]", gains="double[::1]", betas="double[::1]",
-        place="double[::1]", speed="double[::1]", stretch="double[::1]", waves="double[::1]", mids="double[::1]", inertia=double,
+        K="double*", B="double*", b="double*", c="double*", drive="double*", gains="double*", betas="double*",
+        place="double*", speed="double*", stretch="double*", waves="double*", mids="double*", inertia=double,
         weight=double, row=tuple, gained=double, lost=double, supplied=double, was=double, external=double, pull=double,
-        mid=double, now=double, came=double, answers=list, sent="double[::1]", squares=double, relatives=double,
+        mid=double, now=double, came=double, answers=list, sent="double*", force="double*", squares=double, relatives=double,
         springs=double, stiffness=double, impedance=double, factor=double, wave=double, f=double, back=double,
         relative=double, work=double, before=double, total=double, taken=double, error=double,
     )
@@ -57,7 +58,7 @@ cdef class GripStep(WorldStep):
     @cython.locals(axis=Py_ssize_t)
     cdef bint _within(self, double most_m)
     cpdef moved(self)
-    @cython.locals(axis=Py_ssize_t, axes=Py_ssize_t, place="double[::1]", speed="double[::1]", motion=tuple)
+    @cython.locals(axis=Py_ssize_t, axes=Py_ssize_t, place="double*", speed="double*", motion=tuple)
     cpdef tuple motion(self)
     @cython.locals(user=Py_ssize_t, work="double[::1]")
     cpdef port_work_j(self)

@@ -9,6 +9,7 @@ from array import array
 from collections.abc import Sequence
 from typing import Any
 
+from cogrip.machine import in_place
 from cogrip.machine.rows import Row
 from cogrip.protocol.axes import PLACES
 from cogrip.protocol.settings.effects import Effect
@@ -98,15 +99,20 @@ class GripStep(WorldStep):
         """Advance by one frame; take a row of waves of each person, and return the rows that go back."""
         self._motion = None
         users, axes, period, mass = self.users, self.axes, self._frame_s, self.mass_kg
-        K, B, b, c, drive, gains, betas = self.K, self.B, self.b, self.c, self._drive, self._gain, self._beta
-        place, speed, stretch, waves, mids, sent = (
-            self.place,
-            self.speed,
-            self.stretch,
-            self._waves,
-            self._mids,
-            self._sent,
+        K, B, b, c = (
+            in_place.numbers(self.K),
+            in_place.numbers(self.B),
+            in_place.numbers(self.b),
+            in_place.numbers(self.c),
         )
+        drive, gains, betas = in_place.numbers(self._drive), in_place.numbers(self._gain), in_place.numbers(self._beta)
+        place, speed, stretch, force = (
+            in_place.numbers(self.place),
+            in_place.numbers(self.speed),
+            in_place.numbers(self.stretch),
+            in_place.numbers(self.force),
+        )
+        waves, mids, sent = in_place.numbers(self._waves), in_place.numbers(self._mids), in_place.numbers(self._sent)
         inertia = 2.0 * mass / period
         weight = inertia + self.damping + self._beta_sum
         for user in range(users):
@@ -137,7 +143,7 @@ class GripStep(WorldStep):
                 at, mid = user * axes + axis, mids[axis]
                 wave, was = waves[at], stretch[at]
                 f = (stiffness * was + drive[user] * wave) * gains[user] - betas[user] * mid
-                self.force[at] = f
+                force[at] = f
                 back = wave - factor * f  # `server_wave` and `proxy_velocity` inline: a call costs 6 % of the step
                 sent[axis] = back
                 relative = factor * wave - f / impedance - mid
@@ -227,7 +233,7 @@ class GripStep(WorldStep):
         """Return position [m], then velocity [m/s]."""
         if self._motion is not None:
             return self._motion
-        place, speed, axes = self.place, self.speed, self.axes
+        place, speed, axes = in_place.numbers(self.place), in_place.numbers(self.speed), self.axes
         if axes == PLACES:  # as below, without lists
             motion: Row = place[0], place[1], place[2], speed[0], speed[1], speed[2]
         else:
