@@ -21,7 +21,6 @@ usage: python3 dev.py COMMAND [ARGS...]
 from __future__ import annotations  # lets an older Python read this file as far as the message in main()
 
 import hashlib
-import importlib.util
 import json
 import os
 import subprocess
@@ -37,6 +36,8 @@ sys.path.insert(0, str(ROOT))  # PYTHONSAFEPATH leaves it out
 import compiling  # noqa: E402
 
 VENV = ROOT / ".venv"
+# Fills .venv by its pip: the Python that runs this file, or, where that is the one of .venv, the Python it was made of.
+PYTHON = getattr(sys, "_base_executable", sys.executable) if Path(sys.prefix) == VENV else sys.executable
 LOCK = ROOT / "requirements.lock"
 SBOM, SBOM_TOOL = ROOT / "sbom.cdx.json", "cyclonedx-bom==7.5.0"
 LICENCES = ROOT / "docs" / "licenses.md"
@@ -184,7 +185,7 @@ def lock(*args: str) -> int:
     _need_pip()
     with tempfile.TemporaryDirectory() as folder:
         # uv is only needed here, so it is no dependency of the project.
-        if code := _call(sys.executable, "-P", "-m", "pip", "install", "--quiet", "--target", folder, "uv"):
+        if code := _call(PYTHON, "-P", "-m", "pip", "install", "--quiet", "--target", folder, "uv"):
             return code
         return _call(
             Path(folder) / "bin" / "uv",
@@ -269,16 +270,16 @@ def _digest(path: Path) -> str:
 
 
 def _need_pip() -> None:
-    if importlib.util.find_spec("pip") is None:
+    if subprocess.run((PYTHON, "-P", "-m", "pip", "--version"), capture_output=True, check=False).returncode:
         raise SystemExit(
-            f"dev.py: {sys.executable} has no pip, which fills .venv.\n"
+            f"dev.py: {PYTHON} has no pip, which fills .venv.\n"
             "Install it (Debian, Ubuntu: `apt install python3-pip`; elsewhere: `python3 -m ensurepip`),\n"
             "or start dev.py with another Python 3.11 or newer that has it."
         )
 
 
 def _pip(*args: str | Path) -> None:
-    pip = (sys.executable, "-P", "-m", "pip", "--python", _tool("python"), "--disable-pip-version-check", "--quiet")
+    pip = (PYTHON, "-P", "-m", "pip", "--python", _tool("python"), "--disable-pip-version-check", "--quiet")
     if code := _call(*pip, *args):
         raise SystemExit(f"dev.py: pip could not fill .venv (exit code {code}, its reason is above); try again")
 

@@ -31,7 +31,8 @@ from cogrip.machine.realtime import PRIORITY
 PRELOADED = (
     "numpy", "encodings.idna", "cryptography.x509", "OpenSSL.SSL", "serial", "prometheus_client",
     "cogrip.api", "cogrip.cli.main",
-    *(f"cogrip.cli.session.{each}" for each in ("demo", "gateway", "join", "lab", "relay", "serve", "view")),
+    *(f"cogrip.cli.session.{each}" for each in ("demo", "join", "lab", "view")),
+    *(f"cogrip.cli.serving.{each}" for each in ("gateway", "relay", "serve")),
     *(f"cogrip.cli.devices.{each}" for each in ("calibrate", "check", "conform", "emulate")),
     *(f"cogrip.cli.admin.{each}" for each in ("kick", "token_list", "token_new", "token_revoke", "who")),
     *(f"cogrip.devices.family.{each}" for each in ("emulated", "haply", "hid", "serial")),

@@ -11,7 +11,7 @@ from pathlib import Path
 
 import pytest
 
-from cogrip.cli.session.serve import serve
+from cogrip.cli.serving.serve import serve
 from cogrip.machine.realtime import PRIORITY
 
 UNIT = Path(__file__).resolve().parents[1] / "configs" / "cogrip.service"

@@ -201,7 +201,7 @@ def _workers_of(front: int) -> dict[str, int]:
         with suppress(OSError):
             words = path.read_bytes().decode().split("\0")
             parent = re.search(r"^PPid:\t(\d+)$", path.with_name("status").read_text(), re.MULTILINE)
-            if "cogrip.cli.session.worker_process" in words and parent and int(parent[1]) == front:
+            if "cogrip.cli.serving.worker_process" in words and parent and int(parent[1]) == front:
                 found[f"worker {words[-2]}"] = int(path.parent.name)
     return dict(sorted(found.items()))
 

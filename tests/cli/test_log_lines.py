@@ -13,7 +13,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from cogrip.cli.session.log_lines import LONGEST_BYTES, LONGEST_TEXT, WARNINGS, LogLines
+from cogrip.cli.serving.log_lines import LONGEST_BYTES, LONGEST_TEXT, WARNINGS, LogLines
 from cogrip.server.events import EVENTS, ServerEvent
 
 AT = datetime(2026, 3, 4, 5, 6, 7, 89_500, tzinfo=timezone(timedelta(hours=1)))
@@ -93,7 +93,7 @@ def test_a_stream_that_was_closed_is_counted():
 
 SPEAKER = """
 import sys
-from cogrip.cli.session.log_lines import LogLines
+from cogrip.cli.serving.log_lines import LogLines
 lines = LogLines(sys.argv[1])
 for number in range(int(sys.argv[2])):
     lines.say(f"line {number}")

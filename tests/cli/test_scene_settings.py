@@ -4,8 +4,8 @@ from pathlib import Path
 
 import pytest
 
+from cogrip.cli.serving.served_rooms import warn_of
 from cogrip.cli.session.joined_device import judge_seat
-from cogrip.cli.session.served_rooms import warn_of
 from cogrip.cli.settings.settings_file import load
 from cogrip.cli.settings.shipped_settings import shipped_scene
 from cogrip.cli.terminal.problem import BadInput

@@ -18,9 +18,9 @@ from cogrip.cli.devices.listing import device_list
 from cogrip.cli.runs import listing as runs
 from cogrip.cli.runs.compared_table import compared_table
 from cogrip.cli.runs.summary_table import terminal_summary
+from cogrip.cli.serving.relay import flows_table, status
 from cogrip.cli.session import live_views, observe
 from cogrip.cli.session.live_views import FollowedRun, JoinTable, JoinView, LiveTable, ServeTable, ServeView, components
-from cogrip.cli.session.relay import flows_table, status
 from cogrip.cli.study.compare import methods_table
 from cogrip.cli.terminal.tables import say, wrapped
 from cogrip.devices.arm.check import VerdictRow

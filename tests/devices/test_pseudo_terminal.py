@@ -23,6 +23,7 @@ from cogrip.devices.serial.frames import BracketCodec
 from cogrip.machine.pacing import Pacer
 
 from tests import forked
+from tests.fair_time import FairTime
 
 if os.name != "posix":
     pytest.skip("pseudo-terminals are POSIX", allow_module_level=True)
@@ -145,9 +146,9 @@ class Loop:
 
     def run(self, force_n: tuple[float, ...], answers: int) -> Sample:
         """Until so many samples have come; the last one."""
-        until_s = time.monotonic() + LIMIT_S
+        waited = FairTime()
         while True:
-            assert time.monotonic() < until_s, self._device.counts
+            assert waited.spent_s() < LIMIT_S, self._device.counts
             sample = self.turn(force_n)
             answers -= sample is not None
             if sample is not None and answers <= 0:

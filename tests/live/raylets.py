@@ -16,6 +16,8 @@ from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import Any
 
+from tests.fair_time import FairTime
+
 NODE = {"num_cpus": 1, "object_store_memory": 100 * 1024 * 1024, "include_dashboard": False}
 START_S = 45.0  # Ray itself waits 30 s for a raylet: little, where others compute here too
 TRIES = 4
@@ -55,12 +57,12 @@ def raylets(more: int, port: int = 0) -> Iterator[Any]:
 
 def _patient(get_node: Callable[..., Any]) -> Callable[..., Any]:
     def found(*arguments: Any, **keywords: Any) -> Any:
-        until_s = time.monotonic() + START_S
+        waited = FairTime()
         while True:
             try:
                 return get_node(*arguments, **keywords)
             except RuntimeError:
-                if time.monotonic() > until_s:
+                if waited.spent_s() > START_S:
                     raise
                 time.sleep(LOOK_S)
 

@@ -7,7 +7,7 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
-from cogrip.cli.session.server_state import front_channel_of
+from cogrip.cli.serving.server_state import front_channel_of
 from cogrip.cli.settings.settings_file import load
 from cogrip.machine.stop import Stop
 from cogrip.server.events import ServerEvent

@@ -14,6 +14,8 @@ from cogrip.protocol.wire.accounts import LEFT, SATURATED, ClientAccount, Device
 from cogrip.protocol.wire.messages import Leave, encode
 from cogrip.protocol.wire.session import ClientSession, make_hello
 
+from tests.fair_time import FairTime
+
 DEMO = Path(__file__).resolve().parents[2] / "configs" / "demo.toml"
 ESCAPES = "\x1b]0;mine\x07\x1b[2J\x9b31m\u202e\r\nPassive: all is well\u2028"
 RAW = [each for each in ESCAPES if not each.isprintable() and each != "\n"]
@@ -40,9 +42,9 @@ def say_and_leave(port: int, reason: str, account: ClientAccount) -> None:
     with socket.socket(type=socket.SOCK_DGRAM) as end:
         end.connect(("127.0.0.1", port))
         end.settimeout(0.05)
-        until_s = time.monotonic() + LIMIT_S
+        waited = FairTime()
         session.connect(time.monotonic_ns())
-        while session.state != "closed" and time.monotonic() < until_s:
+        while session.state != "closed" and waited.spent_s() < LIMIT_S:
             while session.outbox:
                 end.send(session.outbox.popleft())
             with suppress(TimeoutError):

@@ -15,6 +15,8 @@ from cogrip.machine.arrivals import Arrivals
 from cogrip.machine.datagrams import BATCH, Datagrams, open_arrivals, open_datagrams
 from cogrip.protocol.secure.channel import Address
 
+from tests.fair_time import FairTime
+
 FORMS = ["one by one", "batches"]
 LIMIT_S = 10.0
 
@@ -45,8 +47,8 @@ def sockets(request: pytest.FixtureRequest) -> Iterator[tuple[socket.socket, soc
 
 def received(ends: Any, count: int) -> list[tuple[bytes, Address, int]]:
     found: list[tuple[bytes, Address, int]] = []
-    end = time.monotonic() + LIMIT_S
-    while len(found) < count and time.monotonic() < end:
+    waited = FairTime()
+    while len(found) < count and waited.spent_s() < LIMIT_S:
         try:
             found.append(ends.receive(1233, time.monotonic_ns()))
         except BlockingIOError:

@@ -5,7 +5,7 @@ import os
 import pytest
 
 from cogrip.cli.main import main
-from cogrip.cli.session.gateway_certificate import tls_of
+from cogrip.cli.serving.gateway_certificate import tls_of
 from cogrip.cli.session.join_target import JoinTarget
 from cogrip.cli.terminal.problem import BadInput
 from cogrip.cli.terminal.qr_code import qr_code

@@ -20,11 +20,11 @@ from cogrip.protocol.foreign_file import ForeignFileError
 GROUPS: dict[str, Table] = {
     "Session": {
         "demo": ("session.demo:demo", "Two simulated people hold one cube over UDP on this machine; ends with a report."),
-        "serve": ("session.serve:serve", "Serve the shared object of one or several settings files."),
+        "serve": ("serving.serve:serve", "Serve the shared object of one or several settings files."),
         "join": ("session.join:join", "Join a server with one force-feedback device, real or simulated; or observe."),
-        "relay": ("session.relay:relay", "Put an emulated network between any two programs that speak UDP."),
+        "relay": ("serving.relay:relay", "Put an emulated network between any two programs that speak UDP."),
         "view": ("session.view:view", "Show a session or a recording in the browser."),
-        "gateway": ("session.gateway:gateway", "Let people take part who have only a browser: pages and hands, over TLS."),
+        "gateway": ("serving.gateway:gateway", "Let people take part who have only a browser: pages and hands, over TLS."),
         "lsl": ("session.lsl:lsl", "Offer a session to the Lab Streaming Layer: state and markers as streams."),
         "lab": ("session.lab:lab", "Run a whole session in virtual time, without sleeping."),
         "configs": ("session.configs:configs", "Settings that come with cogrip, by name: list, show, copy."),

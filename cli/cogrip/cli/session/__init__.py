@@ -1,1 +1,1 @@
-"""Commands that run a session: demo, serve, join, relay, lab, and their settings."""
+"""Commands that run or show a session here: demo, lab, join, view, and settings that ship."""

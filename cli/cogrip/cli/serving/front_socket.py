@@ -3,7 +3,7 @@
 import socket
 from contextlib import ExitStack
 
-from cogrip.cli.session.served_rooms import Say
+from cogrip.cli.serving.served_rooms import Say
 from cogrip.cli.terminal.problem import BadInput, Problem
 from cogrip.server.hosting.placement import Served
 from cogrip.server.hosting.public_socket import PublicSocket

@@ -9,7 +9,7 @@ from contextlib import ExitStack
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from cogrip.cli.session.served_rooms import Say
+from cogrip.cli.serving.served_rooms import Say
 from cogrip.cli.terminal.problem import BadInput, Problem
 from cogrip.protocol.secure.channel import Address
 from cogrip.protocol.settings.sections import Settings

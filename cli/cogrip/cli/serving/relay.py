@@ -10,7 +10,7 @@ import msgspec
 from rich.console import Console
 from rich.table import Table
 
-from cogrip.cli.session.log_lines import LogLines
+from cogrip.cli.serving.log_lines import LogLines
 from cogrip.cli.settings.settings_file import from_flags, load
 from cogrip.cli.terminal.output import Json, make_console, write_json
 from cogrip.cli.terminal.parameters import Overrides

@@ -16,9 +16,9 @@ from pathlib import Path
 import msgspec
 
 from cogrip.cli.runs.run_folder import live_run_folder
-from cogrip.cli.session.log_lines import NOTICE, LogLines
-from cogrip.cli.session.server_state import channel_of
-from cogrip.cli.session.worker import WorkerJob, conclude
+from cogrip.cli.serving.log_lines import NOTICE, LogLines
+from cogrip.cli.serving.server_state import channel_of
+from cogrip.cli.serving.worker import WorkerJob, conclude
 from cogrip.machine.platform import system
 from cogrip.machine.stop import Stop
 from cogrip.protocol.secure.channel import place_text

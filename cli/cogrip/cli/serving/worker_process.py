@@ -1,4 +1,4 @@
-"""`python -m cogrip.cli.session.worker_process`: a worker, in large pages from its first import on."""
+"""`python -m cogrip.cli.serving.worker_process`: a worker, in large pages from its first import on."""
 
 import sys
 
@@ -9,6 +9,6 @@ if __name__ == "__main__":
     from cogrip.machine.large_pages import use_large_pages
 
     use_large_pages()
-    from cogrip.cli.session.worker import main
+    from cogrip.cli.serving.worker import main
 
     sys.exit(main(sys.argv[1:]))

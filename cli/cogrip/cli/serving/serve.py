@@ -7,14 +7,14 @@ from typing import Annotated, Literal
 
 from cyclopts import Parameter
 
-from cogrip.cli.session.kept_runs import Keeping
-from cogrip.cli.session.log_lines import LogLines
+from cogrip.cli.serving.here import ServerHere
+from cogrip.cli.serving.kept_runs import Keeping
+from cogrip.cli.serving.log_lines import LogLines
+from cogrip.cli.serving.served_rooms import Say, Workers, rooms_of, warn_of, worker_count
+from cogrip.cli.serving.server_state import LOOPBACKS, authenticator_of, held_folder, publish, shared_folder
 from cogrip.cli.session.loopback import is_loopback
 from cogrip.cli.session.network_rate import RateChoices, measured
 from cogrip.cli.session.python_worlds import PythonWorlds, allow_python_worlds
-from cogrip.cli.session.serve_here import ServerHere
-from cogrip.cli.session.served_rooms import Say, Workers, rooms_of, warn_of, worker_count
-from cogrip.cli.session.server_state import LOOPBACKS, authenticator_of, held_folder, publish, shared_folder
 from cogrip.cli.session.trigger_line import open_trigger
 from cogrip.cli.session.view_child import ViewChild
 from cogrip.cli.terminal.parameters import Overrides, Quiet, Record, Report
@@ -163,12 +163,12 @@ def serve(
         served = Served(rooms, host, port, folder, authenticator, encrypted, record, report, rates.found)
         placement: Placement
         if head is not None:
-            from cogrip.cli.session.serve_cluster import ClusterFlags, ClusterServer, udp_range_of  # with OpenSSL
+            from cogrip.cli.serving.cluster import ClusterFlags, ClusterServer, udp_range_of  # with OpenSSL
 
             flags = ClusterFlags(head, public, udp_range_of(room_ports), checkpoints == "memory", runs)
             placement = ClusterServer(served, flags, stop, lines, stack)
         elif count > 1:
-            from cogrip.cli.session.serve_workers import WorkerServer  # with OpenSSL
+            from cogrip.cli.serving.workers import WorkerServer  # with OpenSSL
 
             placement = WorkerServer(served, count, keeping, fresh, hand_over, stop, lines, stack)
         else:
@@ -199,7 +199,7 @@ def _head(cluster: str | None, one_host: dict[str, bool], for_cluster: Mapping[s
         if wrong := [flag for flag, given in for_cluster.items() if given]:
             raise BadInput(f"{wrong[0]} is for the hosts of a cluster: add --cluster ray, or leave it out")
         return None
-    from cogrip.cli.session.serve_cluster import head_of
+    from cogrip.cli.serving.cluster import head_of
 
     if not system.LINUX:
         raise BadInput("--cluster needs Linux on every host; leave it out")

@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 from cogrip.cli.runs.run_folder import live_run_folder
-from cogrip.cli.session.served_rooms import Say
+from cogrip.cli.serving.served_rooms import Say
 from cogrip.cli.terminal.problem import within
 from cogrip.protocol.settings.sections import Settings
 from cogrip.server.events import ServerEvent

@@ -5,11 +5,11 @@ from contextlib import ExitStack, suppress
 from pathlib import Path
 
 from cogrip.cli.runs.run_folder import leave_files
-from cogrip.cli.session.kept_runs import Keeping
+from cogrip.cli.serving.kept_runs import Keeping
+from cogrip.cli.serving.log_lines import LogLines
+from cogrip.cli.serving.server_state import channel_of
 from cogrip.cli.session.live_views import ServeView, drawing
-from cogrip.cli.session.log_lines import LogLines
 from cogrip.cli.session.network_rate import write_choice
-from cogrip.cli.session.server_state import channel_of
 from cogrip.cli.terminal.output import make_console
 from cogrip.cli.terminal.problem import BadInput, Problem
 from cogrip.cli.terminal.screen import LiveScreen, may_draw

@@ -9,11 +9,11 @@ from contextlib import ExitStack, suppress
 
 import msgspec
 
-from cogrip.cli.session.front_socket import front_socket, say_drops
-from cogrip.cli.session.kept_runs import Keeping
-from cogrip.cli.session.log_lines import LogLines
-from cogrip.cli.session.server_state import front_channel_of
-from cogrip.cli.session.worker import WorkerJob
+from cogrip.cli.serving.front_socket import front_socket, say_drops
+from cogrip.cli.serving.kept_runs import Keeping
+from cogrip.cli.serving.log_lines import LogLines
+from cogrip.cli.serving.server_state import front_channel_of
+from cogrip.cli.serving.worker import WorkerJob
 from cogrip.cli.terminal.problem import Problem
 from cogrip.machine.platform import system
 from cogrip.machine.server_platform import memory_file
@@ -63,7 +63,7 @@ class WorkerServer:
         handles = (link_end, self._job_file)
         with system.end_signals_held():
             return subprocess.Popen(
-                [sys.executable, "-P", "-m", "cogrip.cli.session.worker_process", *map(str, handles), str(number)],
+                [sys.executable, "-P", "-m", "cogrip.cli.serving.worker_process", *map(str, handles), str(number)],
                 stdin=subprocess.DEVNULL, env=environ, **system.own_session(*handles),
             )  # fmt: skip
 

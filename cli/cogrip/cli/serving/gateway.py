@@ -11,12 +11,12 @@ from typing import Annotated
 
 from cyclopts import Parameter
 
+from cogrip.cli.serving.gateway_certificate import tls_of
+from cogrip.cli.serving.server_state import WILDCARDS, own_address, place_of
 from cogrip.cli.session.children import reason_in
 from cogrip.cli.session.front_ends import FoxgloveOrigins, front_ends
-from cogrip.cli.session.gateway_certificate import tls_of
 from cogrip.cli.session.join_target import JoinTarget, target_of, typed
 from cogrip.cli.session.loopback import is_loopback
-from cogrip.cli.session.server_state import WILDCARDS, own_address, place_of
 from cogrip.cli.terminal.output import make_console
 from cogrip.cli.terminal.problem import BadInput, Problem, at_least_one, some_time, within
 from cogrip.cli.terminal.qr_code import print_qr_code

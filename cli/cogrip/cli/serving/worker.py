@@ -1,6 +1,6 @@
 """Process of one worker: an ordinary server of its rooms, whose people a front process hands over.
 
-Started by `cogrip.cli.session.serve_workers` with two descriptors: its end of the link, and a file with the job.
+Started by `cogrip.cli.serving.workers` with two descriptors: its end of the link, and a file with the job.
 """
 
 import os
@@ -12,7 +12,7 @@ from typing import Literal
 
 import msgspec
 
-from cogrip.cli.session.log_lines import LogLines
+from cogrip.cli.serving.log_lines import LogLines
 from cogrip.machine.server_platform import content_of
 from cogrip.machine.stop import Stop
 from cogrip.protocol.settings.network_rate import RateChoice

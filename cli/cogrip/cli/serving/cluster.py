@@ -10,11 +10,11 @@ from typing import NamedTuple
 
 import msgspec
 
-from cogrip.cli.session.cluster_room import RoomJob
-from cogrip.cli.session.front_socket import front_socket, say_drops
-from cogrip.cli.session.log_lines import LogLines
+from cogrip.cli.serving.cluster_room import RoomJob
+from cogrip.cli.serving.front_socket import front_socket, say_drops
+from cogrip.cli.serving.log_lines import LogLines
+from cogrip.cli.serving.server_state import front_channel_of, public_place
 from cogrip.cli.session.loopback import is_loopback
-from cogrip.cli.session.server_state import front_channel_of, public_place
 from cogrip.cli.terminal.problem import BadInput, Problem
 from cogrip.machine.stop import Stop
 from cogrip.protocol.secure.channel import place_text
@@ -30,7 +30,7 @@ from cogrip.server.io.metrics_feed import MetricsFeed
 from cogrip.server.io.state_folder import StateError
 from cogrip.server.io.udp_socket import UdpRange
 
-COMMAND = ("cogrip.cli.session.cluster_room",)
+COMMAND = ("cogrip.cli.serving.cluster_room",)
 PORTS = re.compile(r"(\d{1,5})-(\d{1,5})\Z")
 MOST_PORT = 65535
 ADDRESS = re.compile(r"ray(?:://(?P<head>[^/]+:\d+))?\Z")
