@@ -5,7 +5,8 @@ import pytest
 
 from cogrip.protocol.settings.room import resolve, seat_settings
 from cogrip.server.schemes import make_world
-from cogrip.server.worlds.world import REACH_M, WORKSPACE_M, World
+from cogrip.server.worlds.grip import GripWorld
+from cogrip.server.worlds.world import REACH_M, WORKSPACE_M, Array, World
 
 from tests.server.broken_worlds import Springs
 from tests.server.test_guarded_world import guarded
@@ -38,6 +39,8 @@ def test_the_step_says_what_the_world_says(number: int) -> None:
         assert list(step.port_work_j()) == list(world.port_work_j())
     for user in range(seats):
         assert step.engaged_at(user) == world.engaged_at(user)
+        assert (step.proxy_of(user), step.force_of(user)) == (world.proxy_of(user), world.force_of(user))
+        assert step.contact_of(user) == world.accounts.contact(user)
         assert step.effects_of(user) == world.effects_of(user)
 
 
@@ -71,6 +74,28 @@ def test_two_steps_of_the_same_rows_are_the_same_in_world_and_step() -> None:
         hold(world)
     for _ in range(300):
         rows = [tuple(row) for row in chance.normal(0.0, 0.05, (2, one.axes)).tolist()]
-        assert step.advance(rows) == other.advance(rows)
+        assert [list(row) for row in step.advance(rows)] == other.advance(rows)
     assert (one.stiffness == one.target_stiffness).all()
     assert one.save() == other.save()
+
+
+class Half(GripWorld):
+    """A cube that gives back half of what the cube does."""
+
+    def step(self, inputs: Array) -> Array:
+        return 0.5 * super().step(inputs)
+
+    def force_of(self, user: int) -> tuple[float, ...]:
+        return (*super().force_of(user)[:-1], 7.0)
+
+
+def test_a_world_derived_from_the_cube_is_stepped_its_own_way() -> None:
+    whole = world_of("cube", 2)
+    settings = resolve({"object": {"axes": 2}, "users": [{"name": "a"}, {"name": "b"}]})
+    half = Half([seat_settings(settings, seat) for seat in range(2)])
+    hold(whole)
+    hold(half)
+    rows = [(0.1, -0.2), (0.3, 0.05)]
+    np.testing.assert_array_equal(half.as_step().advance(rows), 0.5 * np.array(whole.as_step().advance(rows)))
+    assert half.as_step().force_of(1)[-1] == 7.0
+    assert half.as_step().motion() == whole.as_step().motion()

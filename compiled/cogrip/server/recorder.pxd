@@ -6,6 +6,7 @@ from cogrip.server.core cimport ServerCore
 from cogrip.server.seats.participants cimport Seat
 from cogrip.server.ports.port cimport Port
 from cogrip.server.room cimport Room
+from cogrip.server.worlds.world_step cimport WorldStep
 
 
 cdef class RecordedServer(ServerCore):
@@ -39,5 +40,5 @@ cdef class RecordedServer(ServerCore):
     cpdef _text(self, address)
 
 
-@cython.locals(seat=Seat, port=Port, handle=EdgeReceiver)
+@cython.locals(seat=Seat, port=Port, handle=EdgeReceiver, world=WorldStep)
 cdef _seat_step(Room room, Py_ssize_t number)

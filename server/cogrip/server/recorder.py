@@ -191,7 +191,7 @@ class RecordedServer(ServerCore):
         room, self._stepped = self._stepped, None
         if room is None:
             return
-        motion, axes = room.world.motion(), room.world.axes
+        motion, axes = room.world_step.motion(), room.world.axes
         seats = tuple([_seat_step(room, number) for number in range(len(room.seats))])
         step = Step(room.steps, motion[:axes], motion[axes:], seats, self._frames, *self._timed)
         self.put(self._step_topic[room.name], step)
@@ -277,16 +277,16 @@ class RecordedAuthenticator:
 
 
 def _seat_step(room: Room, number: int) -> SeatStep:
-    seat, world = room.seats[number], room.world
+    seat, world = room.seats[number], room.world_step
     port = seat.port
     if port is None:
-        nothing: tuple[float, ...] = (0.0,) * world.axes
+        nothing: tuple[float, ...] = (0.0,) * room.world.axes
         return SeatStep(seat.settings.user, False, nothing, nothing, None, None, None, None, 0)
     handle = port.handle
     return SeatStep(
         seat.settings.user, True, world.proxy_of(number), world.force_of(number),
         port.up_margin_j, seat.line_margin_j, port.used_j, port.made_j, port.lost,
-        port.up_reserve.now_j, seat.line_reserve.now_j, *world.accounts.contact(number),
+        port.up_reserve.now_j, seat.line_reserve.now_j, *world.contact_of(number),
         handle.buttons, *handle.popped, handle.orientation, handle.grip_m,
     )  # fmt: skip
 

@@ -33,6 +33,7 @@ cdef class GripStep(WorldStep):
     cdef double[::1] _mids
     cdef double[::1] _taken
     cdef double[::1] _sent
+    cdef public dict offsets
     cdef public bint settled
     cdef public bint growing
     cdef public bint saving
@@ -62,7 +63,8 @@ cdef class GripStep(WorldStep):
     cpdef tuple motion(self)
     @cython.locals(user=Py_ssize_t, work="double[::1]")
     cpdef port_work_j(self)
-    @cython.locals(axis=Py_ssize_t, force="double[::1]", first=Py_ssize_t)
-    cpdef tuple force_of(self, Py_ssize_t user)
-    @cython.locals(axis=Py_ssize_t, place="double[::1]", stretch="double[::1]", first=Py_ssize_t)
-    cpdef tuple proxy_of(self, Py_ssize_t user, offset)
+    @cython.locals(axis=Py_ssize_t, force="double*", first=Py_ssize_t)
+    cpdef force_of(self, Py_ssize_t user)
+    @cython.locals(axis=Py_ssize_t, place="double*", stretch="double*", first=Py_ssize_t, offset=tuple)
+    cpdef proxy_of(self, Py_ssize_t user)
+    cpdef contact_of(self, Py_ssize_t user)

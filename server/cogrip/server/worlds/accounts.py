@@ -8,6 +8,10 @@ from numpy.typing import NDArray
 
 from cogrip.machine.rows import Row
 
+Contact = tuple[float | None, float | None, float | None]
+"""Normal force and friction at a person's tool [N], and its slip [m]; None where there are no bodies."""
+NO_CONTACT: Contact = (None, None, None)
+
 
 class Springs(Protocol):
     """A world with the stiffness of each person's spring [N/m], shape (n, 1)."""
@@ -29,9 +33,9 @@ class Accounts:
         """Return contact forces, slip and lift of the run so far (docs/summary.md); None where there are no bodies."""
         return None
 
-    def contact(self, user: int) -> tuple[float | None, float | None, float | None]:
-        """Return normal force and friction at a person's tool [N], and its slip [m]; None where there are no bodies."""
-        return None, None, None
+    def contact(self, user: int) -> Contact:
+        """Return what a person's tool feels of bodies."""
+        return NO_CONTACT
 
     def stiffness(self, user: int) -> float | None:
         """Return K of a user's spring now [N/m]; None where there is no spring."""

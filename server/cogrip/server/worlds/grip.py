@@ -71,7 +71,6 @@ class GripWorld(World):
         super().__init__(seats)
         self.moving.b, self.moving.c = array("d", self.impedance[:, 0]), array("d", self.wave_gain[:, 0])
         self.moving.adapts, self.moving.saving = array("d", self.adapts_stiffness), bool(self.adapts_stiffness.any())
-        self._offsets: dict[int, list[float]] = {}  # of users, in plain floats
         self.accounts = GripAccounts(self)
 
     @property
@@ -81,7 +80,8 @@ class GripWorld(World):
         return stored + add_floats(self._paid_j)
 
     def as_step(self) -> WorldStep:
-        return self.moving
+        # One that is derived from this class may do any of it in its own way, and is asked.
+        return self.moving if type(self) is GripWorld else WorldStep(self)
 
     @property
     def _paid_j(self) -> list[float]:
@@ -110,7 +110,7 @@ class GripWorld(World):
 
     def join(self, user: int, position_m: Array) -> None:
         self.offset[user] = position_m - self.position
-        self._offsets.clear()
+        self.moving.offsets.clear()
         self.moving.put(user, float(self.target_damping[user, 0]))
         self.holding[user] = True
 
@@ -119,24 +119,18 @@ class GripWorld(World):
         self.moving.take_away(user)
 
     def step(self, inputs: Array) -> Array:
-        return np.array(self.advance([tuple(row) for row in inputs.tolist()]))
-
-    def advance(self, rows: Sequence[Row]) -> Sequence[Sequence[float]]:
-        return self.moving.advance(rows)
+        return np.array(self.moving.advance([tuple(row) for row in inputs.tolist()]))
 
     def restore(self, saved: Row) -> None:
         super().restore(saved)
         self.moving.held = array("d", self.holding.tolist())
-        self._offsets.clear()
+        self.moving.offsets.clear()
 
     def proxy(self, user: int) -> Array:
         return np.array(self.proxy_of(user))
 
     def proxy_of(self, user: int) -> Row:
-        offset = self._offsets.get(user)
-        if offset is None:
-            offset = self._offsets[user] = self.offset[user].tolist()
-        return self.moving.proxy_of(user, offset)
+        return self.moving.proxy_of(user)
 
     def force_of(self, user: int) -> Row:
         return self.moving.force_of(user)

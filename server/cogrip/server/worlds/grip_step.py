@@ -13,6 +13,7 @@ from cogrip.machine import in_place
 from cogrip.machine.rows import Row
 from cogrip.protocol.axes import PLACES
 from cogrip.protocol.settings.effects import Effect
+from cogrip.server.worlds.accounts import NO_CONTACT, Contact
 from cogrip.server.worlds.world_step import REACH_M, WORKSPACE_M, WorldStep
 
 MOST_SAVED_J = 0.05  # most energy that a spring may save to grow stiffer: what can be spent at once is bounded
@@ -38,6 +39,7 @@ class GripStep(WorldStep):
     growing                 a spring may still grow stiffer
     saving                  a spring saves energy to grow stiffer with
     mass_kg, damping        of the object
+    offsets                 from the object to each person's frame, of those who were asked about [m]; the world clears them
     error_j                 largest error of the energy balance so far
     """
 
@@ -45,6 +47,7 @@ class GripStep(WorldStep):
         super().__init__(world)
         self.users, self.axes = users, axes
         self.growing = self.saving = False
+        self.offsets: dict[int, Row] = {}
         self._motion: Row | None = None  # as `motion` returned it last
         self._frame_s, self.mass_kg, self.damping = frame_s, 1.0, 0.0
         entries = users * axes
@@ -252,10 +255,16 @@ class GripStep(WorldStep):
 
     def force_of(self, user: int) -> Row:
         """Return the force of a person's coupling [N]."""
-        force, first = self.force, user * self.axes
+        force, first = in_place.numbers(self.force), user * self.axes
         return tuple([force[first + axis] for axis in range(self.axes)])
 
-    def proxy_of(self, user: int, offset: Sequence[float]) -> Row:
-        """Return a person's proxy [m], in a frame that is `offset` from the object's."""
-        place, stretch, first = self.place, self.stretch, user * self.axes
+    def proxy_of(self, user: int) -> Row:
+        """Return a person's proxy [m], in the frame of their hand."""
+        offset = self.offsets.get(user)
+        if offset is None:
+            offset = self.offsets[user] = tuple(self._world.offset[user].tolist())
+        place, stretch, first = in_place.numbers(self.place), in_place.numbers(self.stretch), user * self.axes
         return tuple([place[axis] + stretch[first + axis] + offset[axis] for axis in range(self.axes)])
+
+    def contact_of(self, user: int) -> Contact:
+        return NO_CONTACT

@@ -9,13 +9,14 @@ from typing import Any
 
 from cogrip.machine.rows import Row
 from cogrip.protocol.settings.effects import Effect
+from cogrip.server.worlds.accounts import Contact
 
 WORKSPACE_M = 0.5  # distance beyond which the object has left the room
 REACH_M = 2.0  # distance beyond which no hand reaches the object: it is put back
 
 
 class WorldStep:
-    """Step of any world. Each method is the world's method or property of the same name."""
+    """Step of any world. Each method is the world's method or property of the same name, `contact_of` that of its accounts."""
 
     def __init__(self, world: Any) -> None:
         self._world = world
@@ -27,6 +28,18 @@ class WorldStep:
     def motion(self) -> Row:
         state: Row = self._world.motion()
         return state
+
+    def proxy_of(self, user: int) -> Row:
+        place: Row = self._world.proxy_of(user)
+        return place
+
+    def force_of(self, user: int) -> Row:
+        force: Row = self._world.force_of(user)
+        return force
+
+    def contact_of(self, user: int) -> Contact:
+        contact: Contact = self._world.accounts.contact(user)
+        return contact
 
     def port_work_j(self) -> Sequence[float]:
         work_j: Sequence[float] = self._world.port_work_j()
