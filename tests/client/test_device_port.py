@@ -10,20 +10,17 @@ from hypothesis import strategies as st
 
 from cogrip.client.hand.velocity import largest_impedance
 from cogrip.client.inputs import DeviceOpened
+from cogrip.client.safety.carried_impedance import BACKOFF_FACTOR, LEAST_FRACTION, RETRY_FRACTION
 from cogrip.client.safety.device_port import (
-    BACKOFF_FACTOR,
     FADE_TICKS,
     FREE_RESERVE_MPS,
     INJECTED_FRACTION,
-    LEAST_FRACTION,
-    MOST_RELEASES,
-    RELEASED_S,
-    RETRY_FRACTION,
     TOLERATED_FRACTION,
     DevicePort,
 )
 from cogrip.client.safety.force_limits import SOFT_SLOPE_NPS
 from cogrip.client.safety.oscillation import REVERSALS, TRAIN
+from cogrip.client.safety.releases import MOST_RELEASES, RELEASED_S
 
 from tests.client.seated_client import DEVICE_HZ, T_C, T_N, Client, M, at_ns, capability
 from tests.kinds import schemes_of
@@ -167,7 +164,7 @@ def test_a_damper_pays_for_what_is_lent_for_long(tried: DevicePort) -> None:
     half = 0.5 + 0.5 * TOLERATED_FRACTION
     for share, paying in ((0.0, 0.0), (TOLERATED_FRACTION, 0.0), (half, 0.5), (1.0, 1.0), (2.0, 1.0)):
         tried.balance_j = -share * FREE_J
-        assert tried.injected_nspm == pytest.approx(paying * INJECTED_FRACTION * tried.carried_nspm)
+        assert tried.injected_nspm == pytest.approx(paying * INJECTED_FRACTION * tried.carried.nspm)
 
 
 def test_an_overdrawn_port_says_so_and_begins_anew(tried: DevicePort) -> None:
@@ -212,54 +209,54 @@ def _shake(tried: DevicePort, turns: int, force_n: float = 2.0, half_ticks: int 
 
 def test_the_impedance_comes_down_with_a_train_of_turns_and_is_tried_again_below(tried: DevicePort) -> None:
     carried = largest_impedance(RECORD, T_C).impedance_nspm
-    assert tried.carried_nspm == carried
+    assert tried.carried.nspm == carried
     _shake(tried, TRAIN)
-    assert tried.carried_nspm == carried, "an impact is no train"
+    assert tried.carried.nspm == carried, "an impact is no train"
     _shake(tried, TRAIN + 3)
-    assert LEAST_FRACTION * carried < tried.carried_nspm < carried * BACKOFF_FACTOR * 1.05
+    assert LEAST_FRACTION * carried < tried.carried.nspm < carried * BACKOFF_FACTOR * 1.05
     for _ in range(10 * DEVICE_HZ):
         tried.watch(STILL, False, STILL)
-    again = tried.carried_nspm / carried
+    again = tried.carried.nspm / carried
     assert BACKOFF_FACTOR < again < RETRY_FRACTION * 1.3, "below what the train began at"
     for _ in range(60):
         _shake(tried, 10)
-    assert tried.carried_nspm == pytest.approx(LEAST_FRACTION * carried, rel=0.05)
+    assert tried.carried.nspm == pytest.approx(LEAST_FRACTION * carried, rel=0.05)
 
 
 @pytest.mark.parametrize("absorbs", [False, True])
 def test_a_line_that_rings_takes_impedance_where_that_absorbs_what_returns(absorbs: bool) -> None:
     """The whole force reverses at each frame, the local one does not: from the fifth fast reversal in a row on."""
     tried = DevicePort(RECORD, T_C, M)
-    carried = tried.carried_nspm
+    carried = tried.carried.nspm
     for frame in range(REVERSALS + 3):
         force = (0.4 if frame % 2 else -0.4, 0.0, 0.0)
         for _ in range(M):
             tried.elapse()
             assert tried.watch(force, False, STILL, absorbs=absorbs) == ""
         backed_off = absorbs and frame >= REVERSALS
-        assert (tried.carried_nspm < 0.6 * carried) is backed_off, frame
+        assert (tried.carried.nspm < 0.6 * carried) is backed_off, frame
     assert not tried.oscillates
 
 
 def test_a_shaken_hand_is_seen_however_little_is_rendered(tried: DevicePort) -> None:
     """The same motion at the impedance that is left makes a tenth of the force."""
-    tried.carried_nspm *= 0.1
+    tried.carried.nspm *= 0.1
     assert _shake(tried, 30, force_n=0.2) == "oscillation"
     assert _shake(port(), 30, force_n=0.2) == ""
 
 
 def test_oscillation_lets_go_and_is_a_fault_where_it_persists(tried: DevicePort) -> None:
     for _ in range(MOST_RELEASES + 1):
-        assert not tried.persists
+        assert not tried.releases.persists
         assert _shake(tried, 30) == "oscillation"
-        assert tried.releasing
+        assert tried.releases.releasing
         for _ in range(round(RELEASED_S * DEVICE_HZ)):
             tried.elapse()
-        assert not tried.releasing
-    assert tried.persists
+        assert not tried.releases.releasing
+    assert tried.releases.persists
     assert tried.account().oscillates
     tried.rearm()
-    assert not tried.persists
+    assert not tried.releases.persists
 
 
 kinds = st.sampled_from(schemes_of("cube"))

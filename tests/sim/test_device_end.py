@@ -93,7 +93,7 @@ def test_an_impedance_far_beyond_what_the_device_carries_is_calm(impedance: floa
     """Without the port, at 1 axis: +-8.5 N, 140 changes of sign a second, steps of 16 and 17 N."""
     for one in felt(room(1.8, users=APART, coupling={"impedance_nspm": impedance}, object={"axes": axes})):
         assert_calm(one)
-        assert one.core.port.carried_nspm == largest_impedance(one.core.capability, 1.0 / RATE_HZ).impedance_nspm
+        assert one.core.port.carried.nspm == largest_impedance(one.core.capability, 1.0 / RATE_HZ).impedance_nspm
 
 
 @pytest.mark.sample(1)
@@ -157,7 +157,7 @@ def test_what_the_record_does_not_say_is_found_out(
     people = felt(room(2.0, users=hands, coupling={"impedance_nspm": impedance}))
     for one in people:
         assert_calm(one)
-    assert any(one.core.port.carried_nspm < 0.9 * impedance for one in people)
+    assert any(one.core.port.carried.nspm < 0.9 * impedance for one in people)
 
 
 OFTEN = {
@@ -188,7 +188,7 @@ def test_within_what_devices_carry_the_port_is_idle(within: Settings | Path) -> 
     for one in felt(structs.replace(settings, seconds=1.2)):
         port = one.core.port
         assert one.account.device.controlled == 0.0
-        assert port.carried_nspm == largest_impedance(one.core.capability, one.core.seat.rates.tick_s).impedance_nspm
+        assert port.carried.nspm == largest_impedance(one.core.capability, one.core.seat.rates.tick_s).impedance_nspm
         assert not port.oscillates
         assert one.account.device.leak_j < 0.1 * port.reserve_j
 
@@ -280,4 +280,4 @@ def test_a_hand_that_moves_freely_is_not_let_go(hand: str, delay_ms: float) -> N
     core = running.people[0].core
     assert core.safety.state == "live"
     assert "released: oscillation" not in core.safety.counts
-    assert core.port.carried_nspm == core.port._record_nspm
+    assert core.port.carried.nspm == core.port.carried.record_nspm

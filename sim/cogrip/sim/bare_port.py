@@ -12,7 +12,7 @@ class BarePort(DevicePort):
 
     def set_record(self, capability: Capability) -> None:
         super().set_record(capability)
-        self.carried_nspm = self._free_j = inf
+        self.carried.nspm = self._free_j = inf
 
     @property
     def injected_nspm(self) -> float:

@@ -15,20 +15,20 @@ E >= -E_1 stays true for every force law if
 
 and if the line is sent no more energy in a frame than `spare_j`. Within a frame E already excludes what the line would be
 sent if the frame ended now. docs/device_port.md has the derivations and the measurements. A passive force can still
-oscillate, so the coupling renders at most `carried_nspm`: the impedance that the device carries by its record
-(`largest_impedance`), and less after fast turns of the local force.
+oscillate: `CarriedImpedance` bounds what a coupling renders, and `Releases` lets the force go where that does not help.
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from math import dist, exp, hypot, inf, sqrt
+from math import dist, hypot, inf, sqrt
 from typing import Literal
 
-from cogrip.client.hand.velocity import lag_ticks, largest_impedance
+from cogrip.client.hand.velocity import lag_ticks
 from cogrip.client.rows.row_size import surely_below
+from cogrip.client.safety.carried_impedance import CarriedImpedance
 from cogrip.client.safety.force_limits import SOFT_SLOPE_NPS
-from cogrip.client.safety.oscillation import OscillationDetector
+from cogrip.client.safety.releases import Releases
 from cogrip.devices.device import Capability
 from cogrip.protocol.line.energy_reserve import FIRST_S, known
 from cogrip.protocol.settings.seat import SeatSettings
@@ -36,17 +36,8 @@ from cogrip.protocol.wire.accounts import DeviceAccount
 
 FREE_RESERVE_MPS = 1.0  # speed whose kinetic energy is E_free: a late damper takes that and gives it back
 TOLERATED_FRACTION = 0.25  # deficit -E that is tolerated, as a fraction of E_free: the motion gives it back
-INJECTED_FRACTION = 0.1  # damping injected where all of E_free is used up, as a fraction of `carried_nspm`
+INJECTED_FRACTION = 0.1  # damping injected where all of E_free is used up, as a fraction of what the device carries
 FADE_TICKS = 3.0  # The force is scaled from 1 to 0 over the energy of so many ticks at speed limit and peak force.
-BACKOFF_FACTOR = 0.5  # factor on `carried_nspm` at each turn of a train of fast turns (`OscillationDetector`)
-RETRY_FRACTION = 0.8
-"""Bound of `carried_nspm` after a train of fast turns, as a fraction of what it was when the train began."""
-RECOVERY_S = 2.0  # time in which `carried_nspm` rises by a factor of e
-RETRY_RECOVERY_S = 60.0  # time in which the bound of RETRY_FRACTION rises by a factor of e
-LEAST_FRACTION = 0.02  # least `carried_nspm`, as a fraction of the impedance of the record
-RELEASED_S = 0.5  # time for which the force is released after it oscillated or sat at its limit
-MOST_RELEASES = 2  # most releases within PERSISTS_S; one more is a fault
-PERSISTS_S = 10.0
 
 Cause = Literal["", "oscillation", "limit", "energy"]
 
@@ -59,24 +50,22 @@ class DevicePort:
     given_out_j   the largest energy that the motors gave out beyond what came in, what was forgiven apart
     later_j       the same after the first second: -inf until then, inf until the next `set_energies`
     reserve_j     E_0
-    carried_nspm  the impedance, or damping of virtual coupling, that may be rendered now [N s/m]
+    carried       the impedance, or damping of virtual coupling, that may be rendered now
+    releases      of the force
     lag_s         time by which a damper acts late (`lag_ticks`)
     ramped        True while the force is ramped, so that the hand does not feel all of it
     oscillates    True once the force has oscillated
     """
 
     __slots__ = (
-        "_changed", "_controlled", "_count_m", "_cut_j", "_damping", "_detector", "_dissipated_j", "_exhausted",
-        "_forgiven_j", "_free_j", "_friction_n", "_given_j", "_growth", "_last_turn", "_limited", "_most_step_m",
-        "_pending_j", "_persists_ticks", "_record_nspm", "_released_at", "_released_left", "_released_ticks",
-        "_releases", "_retry_growth", "_retry_nspm", "_tick", "_tick_s", "_ticks", "_usable_j", "_written_off_j", "balance_j",
-        "carried_nspm", "given_out_j", "lag_s", "later_j", "least_j", "oscillates", "ramped", "reserve_j",
+        "_changed", "_controlled", "_count_m", "_cut_j", "_damping", "_dissipated_j", "_exhausted", "_forgiven_j", "_free_j",
+        "_friction_n", "_given_j", "_limited", "_most_step_m", "_pending_j", "_tick", "_tick_s", "_ticks", "_usable_j",
+        "_written_off_j", "balance_j", "carried", "given_out_j", "lag_s", "later_j", "least_j", "oscillates", "ramped",
+        "releases", "reserve_j",
     )  # fmt: skip
 
     def __init__(self, capability: Capability, tick_s: float, frame_ticks: int = 1) -> None:
         self._tick_s = tick_s
-        self._growth, self._retry_growth = exp(tick_s / RECOVERY_S), exp(tick_s / RETRY_RECOVERY_S)
-        self._released_ticks, self._persists_ticks = round(RELEASED_S / tick_s), round(PERSISTS_S / tick_s)
         self.balance_j = self.least_j = self.given_out_j = 0.0
         self._written_off_j = 0.0  # of deficits that were set to 0
         self.later_j = -inf
@@ -90,17 +79,13 @@ class DevicePort:
         self._changed = False  # a controller here changed the force of this tick
         self._exhausted = 0  # ticks since E fell to -E_1, so that `limit` allows no force
         self._tick = 0
-        self._last_turn = -self._released_ticks - 1  # tick of the last turn of a train
-        self._releases = 0
-        self._released_at: list[int] = []  # ticks of the releases of the last PERSISTS_S
-        self._released_left = 0
-        self._detector = OscillationDetector(capability.axes, tick_s, frame_ticks)
+        self.carried = CarriedImpedance(capability.axes, tick_s, frame_ticks)
+        self.releases = Releases(tick_s)
         self.set_record(capability)
 
     def set_record(self, capability: Capability) -> None:
         """Set the device record."""
-        self._record_nspm = largest_impedance(capability, self._tick_s).impedance_nspm
-        self.carried_nspm = self._retry_nspm = self._record_nspm
+        self.carried.set_record(capability, self._tick_s)
         self.lag_s = lag_ticks(capability, self._tick_s) * self._tick_s
         self._damping, self._friction_n = capability.own_damping_nspm, capability.own_friction_n
         self._count_m = capability.resolution_m
@@ -191,7 +176,7 @@ class DevicePort:
         if used <= TOLERATED_FRACTION:
             return 0.0
         return (
-            INJECTED_FRACTION * self.carried_nspm * min(1.0, (used - TOLERATED_FRACTION) / (1.0 - TOLERATED_FRACTION))
+            INJECTED_FRACTION * self.carried.nspm * min(1.0, (used - TOLERATED_FRACTION) / (1.0 - TOLERATED_FRACTION))
         )
 
     def damped(self, force_n: Sequence[float], velocity_mps: Sequence[float]) -> Sequence[float]:
@@ -224,12 +209,12 @@ class DevicePort:
         reduced: bool = False,
         absorbs: bool = False,
     ) -> Cause:
-        """Check the force of a tick for oscillation, and adapt `carried_nspm`. Return why the force is to be released, or "".
+        """Check the force of a tick for oscillation, and adapt what is carried. Return why the force is to be released, or "".
 
         force_n   to the motors until the next tick [N], shape (axes,)
         clipped   whether it is at the device's peak
         limited   whether any limit of the device holds it
-        reduced   whether the coupling renders less than its settings, for `carried_nspm`
+        reduced   whether the coupling renders less than its settings, for what is carried
         local_n   the part of the law that follows the hand's own motion [N], shape (axes,)
         absorbs   whether the coupling absorbs the returning wave where less is rendered: then that quiets a line, too
         """
@@ -237,58 +222,31 @@ class DevicePort:
         self._limited += limited
         self._controlled += reduced or self._changed
         self._changed = False
-        carried, record = self.carried_nspm, self._record_nspm
-        detector = self._detector
-        if carried < record:  # as it would be at the record's impedance: less impedance must not hide an oscillation
-            local_n = [record / carried * local for local in local_n]
-        turns = detector.add(force_n, clipped, local_n)
-        if turns or (absorbs and detector.reverses):
-            if self._tick - self._last_turn > self._released_ticks:  # the first of its train
-                self._retry_nspm = max(LEAST_FRACTION * record, RETRY_FRACTION * carried)
-            self._last_turn = self._tick
-            self.carried_nspm = max(LEAST_FRACTION * record, BACKOFF_FACTOR * carried)
-        elif carried < record:
-            self._retry_nspm = min(record, self._retry_growth * self._retry_nspm)
-            self.carried_nspm = min(self._retry_nspm, self._growth * carried)
+        carried, detector = self.carried, self.carried.detector
+        carried.adapt(self._tick, force_n, clipped, local_n, absorbs)
         self._exhausted = self._exhausted + 1 if self.balance_j <= -self._usable_j else 0
-        exhausted = self._exhausted > self._released_ticks
+        exhausted = self._exhausted > self.releases.ticks
         if not (detector.oscillates or detector.at_limit or exhausted):
             return ""
         found: Cause = "oscillation" if detector.oscillates else "limit" if detector.at_limit else "energy"
         if exhausted:
             self._write_off()
-        if absorbs and detector.oscillates:  # it comes back with less
-            self.carried_nspm = self._retry_nspm = max(LEAST_FRACTION * record, BACKOFF_FACTOR * self.carried_nspm)
+        if absorbs and detector.oscillates:
+            carried.come_back_with_less()
         self.oscillates = self.oscillates or detector.oscillates
-        self._releases += 1
-        self._released_left, now = self._released_ticks, self._tick
-        self._released_at = [*[tick for tick in self._released_at if now - tick < self._persists_ticks], now]
+        self.releases.begin(self._tick)
         detector.forget()
         return found
-
-    # Releases
-
-    @property
-    def releasing(self) -> bool:
-        """True while the force is released because it oscillated, or sat at its limit."""
-        return self._released_left > 0
-
-    @property
-    def persists(self) -> bool:
-        """True where releases have not helped."""
-        return len(self._released_at) > MOST_RELEASES
 
     def elapse(self) -> None:
         """Count a tick, with force or without."""
         self._tick += 1
-        if self._released_left:
-            self._released_left -= 1
+        self.releases.elapse()
 
     def rearm(self) -> None:
-        """Reset after a fault. `carried_nspm` stays as it is."""
-        self._released_at.clear()
-        self._released_left = 0
-        self._detector.forget()
+        """Reset after a fault. What is carried stays as it is."""
+        self.releases.forget()
+        self.carried.detector.forget()
         self._write_off()
 
     def _write_off(self) -> None:
@@ -309,7 +267,7 @@ class DevicePort:
             controlled=self._controlled / ticks,
             leak_j=self.given_out_j,
             margin_j=self.least_j + self.reserve_j,
-            let_go=self._releases,
+            let_go=self.releases.count,
             reserve_j=known(self.later_j + self.reserve_j),
             budget_j=self.reserve_j,
         )

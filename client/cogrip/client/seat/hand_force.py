@@ -38,7 +38,7 @@ class HandForce:
         coupling, safety, port, sources = self.coupling, self.safety, self.port, self.sources
         at_m, velocity = hand.position_m, hand.velocity_mps
         port.elapse()
-        coupling.carried_nspm = carried = port.carried_nspm / frame.stiffest
+        coupling.carried_nspm = carried = port.carried.nspm / frame.stiffest
         coupling.cut_n = wanted_n = limited_n = None
         if safety.state == "fault":
             sources.begin_anew()

@@ -387,7 +387,7 @@ class SeatedClient:
             safety.event("go")
         if session.state == "resuming" or session.stale(now_ns):
             safety.event("stale", "nothing new from the server")
-        elif safety.state == "degraded" and not self.port.releasing:
+        elif safety.state == "degraded" and not self.port.releases.releasing:
             safety.event("fresh")
         force = self._force.force(self.tick, self.hand, self.frame)
         if self._force.cause:
@@ -402,7 +402,7 @@ class SeatedClient:
         safety.note(f"released: {cause}")
         if cause == "limit":
             safety.saturated = safety.saturated or reason
-        if self.port.persists:
+        if self.port.releases.persists:
             if cause != "limit":
                 safety.unstable = safety.unstable or reason
             safety.fail(f"{reason}, then re-arm; {DRIVES}")

@@ -1,15 +1,13 @@
 cimport cython
 
+from cogrip.client.safety.carried_impedance cimport CarriedImpedance
 from cogrip.client.safety.oscillation cimport OscillationDetector
+from cogrip.client.safety.releases cimport Releases
 from cogrip.client.rows.row_size cimport surely_below
 
 
 cdef class DevicePort:
     cdef public double _tick_s
-    cdef public double _growth
-    cdef public double _retry_growth
-    cdef public long long _released_ticks
-    cdef public long long _persists_ticks
     cdef public double balance_j
     cdef public double given_out_j
     cdef double _written_off_j
@@ -28,14 +26,8 @@ cdef class DevicePort:
     cdef public bint _changed
     cdef public long long _exhausted
     cdef public long long _tick
-    cdef public long long _last_turn
-    cdef public long long _releases
-    cdef public list _released_at
-    cdef public long long _released_left
-    cdef public OscillationDetector _detector
-    cdef public double _record_nspm
-    cdef public double carried_nspm
-    cdef public double _retry_nspm
+    cdef public CarriedImpedance carried
+    cdef public Releases releases
     cdef public double lag_s
     cdef public double _damping
     cdef public double _friction_n
@@ -53,7 +45,7 @@ cdef class DevicePort:
     cpdef damped(self, force_n, velocity_mps)
     cpdef limit(self, force_n)
     @cython.locals(
-        carried=double, record=double, detector=OscillationDetector, local=double, turns=bint, exhausted=bint, now="long long",
+        carried=CarriedImpedance, detector=OscillationDetector, exhausted=bint,
     )
     cpdef watch(self, force_n, bint clipped, local_n, bint limited=*, bint reduced=*, bint absorbs=*)
     cpdef elapse(self)
