@@ -20,7 +20,7 @@ TRAIN_PAUSE_S = 0.5  # time without a fast turn after which the next one begins 
 
 
 class CarriedImpedance:
-    """What may be rendered on a device of this record.
+    """Impedance that may be rendered on a device of this record.
 
     nspm         now [N s/m]
     record_nspm  by the record alone (`largest_impedance`)
