@@ -170,3 +170,37 @@ def test_phantom_without_friction_or_stops_is_ideal(mass, stiffness, inputs) -> 
             plant.step([0.0], [force])
     assert phantom.position_m[0] == pytest.approx(ideal.position_m[0], rel=1e-12, abs=1e-15)
     assert phantom.velocity_mps[0] == pytest.approx(ideal.velocity_mps[0], rel=1e-12, abs=1e-15)
+
+
+@pytest.mark.parametrize(
+    ("machine", "axes"),
+    [
+        ("ideal", 1),
+        ("phantom?friction_n=0&resolution_m=0&handle_mass_kg=0", 3),
+        ("gripper?friction_n=0", 4),
+        ("freeflyer", 6),
+        ("phantom6?friction_n=0", 6),
+    ],
+)
+def test_a_device_that_is_let_go_has_no_hand_left(machine: str, axes: int) -> None:
+    """Until then it is that of a hand that holds on, to the bit; then no spring and no drive act, and its own damping stays."""
+    join = "&" if "?" in machine else "?"
+    hand = "hand=waypoints&times_s=0,0.4&x_m=0,0.05"
+    holding, freed = (
+        opened(f"sim:{machine}{join}{hand}{let_go}", axes, 1024) for let_go in ("", f"&let_go_s={102.0 / 1024!r}")
+    )
+    for tick in range(1, 103):
+        assert freed.read(tick) == holding.read(tick)
+    plant = freed.plant
+    speed = plant.velocity_mps[0]
+    assert speed > 0.05
+    own = freed.capability.own_damping_nspm / freed.capability.apparent_mass_kg
+    for tick in range(103, 203):
+        freed.read(tick)
+    assert plant.velocity_mps[0] == pytest.approx(speed * exp(-own * 100 / 1024), rel=1e-6)
+    assert plant.velocity_mps[1:] == pytest.approx([0.0] * (axes - 1), abs=1e-9)
+    freed.close()
+    freed.open(1024)  # as after a fault: the hand is back
+    for tick in range(1, 103):
+        freed.read(tick)
+    assert plant.velocity_mps[0] == pytest.approx(speed, rel=1e-9)

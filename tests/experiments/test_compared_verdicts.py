@@ -8,17 +8,21 @@ from cogrip.experiments.methods.measures import read, state_of
 
 
 def test_a_session_is_not_passive_by_the_energy_that_no_ledger_accounts_for() -> None:
-    """Give out eleven of a hundred mJ put in, with a devices' leak or a line's loan as large as that, and less."""
+    """Give out eleven of a hundred mJ put in, with a devices' leak, a line's loan or a refill as large as that, and less."""
     work = np.array([0.0, 0.100, 0.100])
-    for people, leaks, line, active in (
-        (2, (-0.006, -0.006), 0.0, False),
-        (2, (0.5, -0.006), 0.0, False),
-        (2, (0.5, 0.5), 0.0, True),
-        (2, (0.5, 0.5), -0.001, False),
-        (1, (0.0,), None, True),
+    for people, leaks, line, refilled, active in (
+        (2, (-0.006, -0.006), 0.0, 0.0, False),
+        (2, (0.5, -0.006), 0.0, 0.0, False),
+        (2, (0.5, 0.5), 0.0, 0.0, True),
+        (2, (0.5, 0.5), -0.001, 0.0, False),
+        (2, (0.5, 0.5), 0.0, 0.0009, True),
+        (2, (0.5, 0.5), 0.0, 0.0011, False),
+        (1, (0.0,), None, 0.0, True),
     ):
         nothing = np.zeros((3, people, 1))
-        trace = SessionTrace(0.5, nothing, nothing, nothing, np.zeros((3, 1)), work, np.array([0.0, 0.1, 0.111]))
+        trace = SessionTrace(
+            0.5, nothing, nothing, nothing, np.zeros((3, 1)), work, np.array([0.0, 0.1, 0.111]), True, refilled
+        )
         session = {
             "seconds": 1.5, "passive": True,
             "users": [

@@ -14,7 +14,6 @@ from typing import Any, NamedTuple
 import numpy as np
 import numpy.typing as npt
 
-from cogrip.devices.simulated.waypoints import WaypointHand, WaypointSettings
 from cogrip.experiments.methods.method import ideal_settings, session_settings
 from cogrip.protocol.settings.sections import Settings
 from cogrip.sim.laboratory import Laboratory
@@ -41,7 +40,9 @@ class Person(NamedTuple):
         given = (
             f"times_s={','.join(f'{START_S + time:.4f}' for time in times)}&x_m={','.join(f'{x:.5f}' for x in places)}"
         )
-        return f"waypoints&{given}&hand_stiffness_npm={self.stiffness_npm}&hand_damping_nspm={self.damping_nspm}"
+        held = f"hand_stiffness_npm={self.stiffness_npm}&hand_damping_nspm={self.damping_nspm}"
+        let_go = "" if self.lets_go_s is None else f"&let_go_s={START_S + self.lets_go_s}"
+        return f"waypoints&{given}&{held}{let_go}"
 
 
 def moves(place_m: float, stroke_s: float = 0.5) -> Course:
@@ -104,20 +105,13 @@ class Felt(NamedTuple):
     laboratory: Laboratory
 
 
-def run(settings: Settings, people: Sequence[Person | str]) -> Felt:
+def run(settings: Settings) -> Felt:
     """Run a session to its end."""
     laboratory = Laboratory(settings)
     rows: list[list[float]] = []
     places: list[list[float]] = []
-    goes = {
-        round((START_S + each.lets_go_s) * 1024): number
-        for number, each in enumerate(people)
-        if isinstance(each, Person) and each.lets_go_s is not None
-    }
 
     def each_tick(now: Laboratory) -> None:
-        if now.tick in goes:
-            let_go(now, goes[now.tick])
         rows.append([person.core.force_n[0] for person in now.people])
         places.append([person.device.plant.position_m[0] for person in now.people])  # type: ignore[attr-defined]
 
@@ -126,22 +120,10 @@ def run(settings: Settings, people: Sequence[Person | str]) -> Felt:
     return Felt(np.array(rows)[first:], np.array(places)[first:], laboratory)
 
 
-def let_go(laboratory: Laboratory, number: int) -> None:
-    """Have nobody hold a simulated device any more."""
-    person = laboratory.people[number]
-    device: Any = person.device
-    at, speed = list(device.plant.position_m), list(device.plant.velocity_mps)
-    nobody = WaypointHand(WaypointSettings(times_s=(0.0,), hand_stiffness_npm=0.0, hand_damping_nspm=0.0), len(at))
-    nobody.open(person.rates.device_hz, tuple(at))
-    device.hand = nobody
-    device.plant.open(person.rates.device_hz, 0.0, 0.0, at)
-    device.plant.velocity_mps = speed
-
-
 @lru_cache(maxsize=32)
 def ideal(people: tuple[Person | str, ...], device: str = EXACT, seconds: float = 6.0) -> Felt:
     """Return what the same hands and devices feel with the cube directly in the hands."""
-    return run(ideal_settings(settings_of(people, 0.0, device, seconds), 1), people)
+    return run(ideal_settings(settings_of(people, 0.0, device, seconds), 1))
 
 
 def felt(
@@ -152,7 +134,7 @@ def felt(
     table = settings_of(people, delay_ms, device, seconds, **link)
     if change is not None:
         change(table)
-    return run(session_settings(table, method, "own", seed), people)
+    return run(session_settings(table, method, "own", seed))
 
 
 def rms_n(forces: Array) -> float:

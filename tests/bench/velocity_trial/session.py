@@ -53,6 +53,9 @@ class EstimatingPlant:
     def open(self, rate_hz: int, stiffness_npm: float, damping_nspm: float, start_m: Sequence[float]) -> None:
         self.plant.open(rate_hz, stiffness_npm, damping_nspm, start_m)
 
+    def release(self) -> None:
+        self.plant.release()
+
     def step(self, drive_n: Sequence[float], force_n: Sequence[float]) -> None:
         self.plant.step(drive_n, force_n)
 

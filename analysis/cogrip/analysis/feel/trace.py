@@ -12,6 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from cogrip.machine.addition import add_floats
 from cogrip.sim.laboratory import Laboratory
 
 Array = NDArray[np.float64]
@@ -29,6 +30,7 @@ class SessionTrace:
     object_j    (m,)       energy that reached the object so far: kinetic, and what its own damping took; in a scene what all
                            bodies have got [J]
     sees_object            whether the object is what is reported: to virtual coupling in a scene it is each person's tool
+    refilled_j             energy that couplings gave to hands at rest, beyond their credit [J]
     """
 
     frame_s: float
@@ -39,6 +41,7 @@ class SessionTrace:
     work_j: Array
     object_j: Array
     sees_object: bool = True
+    refilled_j: float = 0.0
 
 
 _BUCKETS = 250
@@ -110,4 +113,7 @@ class TraceRecorder:
             np.array(self._work),
             np.array(self._gained) if scene else kinetic + damped,
             not (scene and settings.coupling.traits.own_frame),
+            add_floats(
+                person.core.seated.coupling.refilled_j for person in self._laboratory.people if person.core.seated
+            ),
         )

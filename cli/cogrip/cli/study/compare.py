@@ -80,7 +80,8 @@ def compare(
     seeds
         How many sessions of each: a seed is that of the network's losses and of hand tremor, the same for all methods.
     task
-        What two people do, in place of their hands in the settings: pull, opposed, together, rest, collide or limp
+        What two people do, in place of their hands in the settings: pull, opposed, together, rest, collide, let-go
+        or limp
         (docs/methods.md).
     out
         The comparison's folder, new or to be resumed; else runs/TIME-compare-NAME.

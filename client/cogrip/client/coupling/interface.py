@@ -121,6 +121,11 @@ class Coupling:
         return 0.0
 
     @property
+    def refilled_j(self) -> float:
+        """Energy that the coupling gave to a hand at rest, beyond its credit."""
+        return 0.0
+
+    @property
     def port_j(self) -> float:
         """Energy that went into the coupling here."""
         raise NotImplementedError

@@ -7,6 +7,7 @@ cdef class PhantomPlant:
     cdef public list position_m
     cdef public list velocity_mps
     cdef public long long saturated
+    cdef object _rate_hz
     cdef double _p
     cdef double _q
     cdef double _g

@@ -16,8 +16,10 @@ cdef class SimulatedDevice(Driver):
     cdef public object _force
     cdef public long long _begins
     cdef public bint _waits
+    cdef double _let_go_s
+    cdef double _last_held
 
-    @cython.locals(last="long long", begins="long long", k="long long", waits=bint)
+    @cython.locals(last="long long", begins="long long", k="long long", at="long long", last_held=double)
     cpdef read(self, long long tick)
     @cython.locals(total=double, part=double)
     cpdef write(self, force_n)

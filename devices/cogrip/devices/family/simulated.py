@@ -5,6 +5,7 @@ from dataclasses import dataclass, replace
 from functools import cache
 from importlib import import_module
 from importlib.metadata import entry_points
+from math import inf
 from typing import Any, Literal
 
 import msgspec
@@ -169,7 +170,7 @@ def make(address: Address, axes: int, defaults: Mapping[str, Setting]) -> Device
     plant = machine.plant(machine_settings, axes)
     record = machine.capability(machine_settings, axes)
     record = replace(record, buttons=max((press.button for press in presses), default=0))
-    return SimulatedDevice(record, plant, hand, machine_settings.x0_m, presses)
+    return SimulatedDevice(record, plant, hand, machine_settings.x0_m, presses, getattr(hand_settings, "let_go_s", inf))
 
 
 def _hand_kind(text: str, where: str) -> tuple[HandKind, tuple[str, ...]]:

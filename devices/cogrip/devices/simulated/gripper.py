@@ -91,6 +91,11 @@ class GripperPlant:
         self._gripper.open(rate_hz, *self._fingers, start_m[PLACES:])
         self._show()
 
+    def release(self) -> None:
+        """See `Plant.release`. The fingers let go, too."""
+        self._arm.release()
+        self._gripper.release()
+
     def step(self, drive_n: Sequence[float], force_n: Sequence[float]) -> None:
         self._arm.step(drive_n[:PLACES], force_n[:PLACES])
         self._gripper.step(drive_n[PLACES:], force_n[PLACES:])

@@ -47,10 +47,11 @@ class Hand(Protocol):
 
 
 class ImpedanceSettings(msgspec.Struct, frozen=True, kw_only=True):
-    """Query keys of every hand that intends a motion; alone, those of `hold`."""
+    """Query keys of every hand that intends a motion; alone, those of `hold`. let_go_s: nobody holds on from then on."""
 
     hand_stiffness_npm: NotNegative = 300.0
     hand_damping_nspm: NotNegative = 5.0
+    let_go_s: Annotated[float, Meta(ge=0.0)] = inf
 
 
 class ReachSettings(ImpedanceSettings, frozen=True, kw_only=True):

@@ -45,10 +45,19 @@ class IdealPlant:
         self.velocity_mps = [0.0] * axes
 
     def open(self, rate_hz: int, stiffness_npm: float, damping_nspm: float, start_m: Sequence[float]) -> None:
-        step = discretise(self._settings.mass_kg, self._settings.damping_nspm + damping_nspm, stiffness_npm, rate_hz)
-        self._p, self._q, self._g, self._h, self._k = step.p, step.q, step.g, step.h, step.stiffness_npm
+        self._rate_hz = rate_hz
+        self._hold(stiffness_npm, damping_nspm)
         self.position_m = list(start_m)
         self.velocity_mps = [0.0] * len(start_m)
+
+    def _hold(self, stiffness_npm: float, damping_nspm: float) -> None:
+        own = self._settings
+        step = discretise(own.mass_kg, own.damping_nspm + damping_nspm, stiffness_npm, self._rate_hz)
+        self._p, self._q, self._g, self._h, self._k = step.p, step.q, step.g, step.h, step.stiffness_npm
+
+    def release(self) -> None:
+        """See `Plant.release`."""
+        self._hold(0.0, 0.0)
 
     def step(self, drive_n: Sequence[float], force_n: Sequence[float]) -> None:
         """One exact tick."""

@@ -72,18 +72,28 @@ class PhantomPlant:
     def open(self, rate_hz: int, stiffness_npm: float, damping_nspm: float, start_m: Sequence[float]) -> None:
         """See `Plant.open`. Raises DeviceError where a tick is too long for the mass on the hand's spring."""
         s = self._settings
-        step = discretise(s.mass_kg, s.damping_nspm + damping_nspm, stiffness_npm, rate_hz)
-        if step.h <= 0.0:
+        self._rate_hz = rate_hz
+        if self._hold(stiffness_npm, damping_nspm) <= 0.0:
             raise DeviceError(
                 f"sim:phantom: rate_hz={rate_hz} is below two ticks a swing of mass_kg={s.mass_kg} on"
                 f" hand_stiffness_npm={stiffness_npm}; raise the rate or the mass"
             )
-        self._p, self._q, self._g, self._h, self._k = step.p, step.q, step.g, step.h, step.stiffness_npm
         self._friction, self._peak = s.friction_n, s.peak_force_n
         self._weight = [0.0, 0.0, s.handle_mass_kg * GRAVITY_MPS2][: len(self._stops)]
         self.position_m = list(start_m)
         self.velocity_mps = [0.0] * len(start_m)
         self.saturated = 0
+
+    def _hold(self, stiffness_npm: float, damping_nspm: float) -> float:
+        """Set the step of a tick with a hand of this impedance. Return h."""
+        own = self._settings
+        step = discretise(own.mass_kg, own.damping_nspm + damping_nspm, stiffness_npm, self._rate_hz)
+        self._p, self._q, self._g, self._h, self._k = step.p, step.q, step.g, step.h, step.stiffness_npm
+        return step.h
+
+    def release(self) -> None:
+        """See `Plant.release`."""
+        self._hold(0.0, 0.0)
 
     def step(self, drive_n: Sequence[float], force_n: Sequence[float]) -> None:
         """One tick, parts 1 to 4 above."""

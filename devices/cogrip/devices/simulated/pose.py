@@ -117,13 +117,19 @@ class PosePlant:
     def open(self, rate_hz: int, stiffness_npm: float, damping_nspm: float, start_m: Sequence[float]) -> None:
         self._places.open(rate_hz, stiffness_npm, damping_nspm, start_m[:PLACES])
         self._tick_s = 1.0 / rate_hz
+        self._wrist = self._settings.wrist_stiffness_nmprad, self._settings.wrist_damping_nms
         self._orientation, self._omega = exp(start_m[PLACES:]), (0.0, 0.0, 0.0)
         self._show()
+
+    def release(self) -> None:
+        """See `Plant.release`."""
+        self._places.release()
+        self._wrist = 0.0, 0.0
 
     def step(self, drive_n: Sequence[float], force_n: Sequence[float]) -> None:
         self._places.step(drive_n[:PLACES], force_n[:PLACES])
         s, tick_s, wanted = self._settings, self._tick_s, drive_n[2 * PLACES :]
-        k, b = s.wrist_stiffness_nmprad, s.wrist_damping_nms
+        k, b = self._wrist
         off = between(self._orientation, exp(drive_n[PLACES : 2 * PLACES]))
         gain = tick_s / s.inertia_kgm2
         scale = 1.0 / (1.0 + gain * (s.rotational_damping_nms + b + tick_s * k))

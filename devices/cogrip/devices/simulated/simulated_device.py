@@ -1,7 +1,7 @@
 """The shell that makes a `Device` of a plant and a hand: state of the connection, ticks, the held force."""
 
-from collections.abc import Sequence
-from math import isfinite
+from collections.abc import Callable, Sequence
+from math import inf, isfinite
 from typing import Protocol
 
 from cogrip.devices.device import Capability, Sample
@@ -20,6 +20,9 @@ class Plant(Protocol):
 
     def open(self, rate_hz: int, stiffness_npm: float, damping_nspm: float, start_m: Sequence[float]) -> None:
         """Rest at `start_m`, discretised for `rate_hz` with the hand's stiffness and damping. May raise DeviceError."""
+
+    def release(self) -> None:
+        """Go on without a hand: nothing of its impedance acts any more."""
 
     def step(self, drive_n: Sequence[float], force_n: Sequence[float]) -> None:
         """One tick with the hand's drive K_h x_int + B_h v_int + F_push [N] and the device force F [N] held."""
@@ -42,8 +45,12 @@ class SimulatedDevice(Driver):
         hand: Hand,
         start_m: Sequence[float] = (),
         presses: Sequence[Press] = (),
+        let_go_s: float = inf,
     ) -> None:
-        """`start_m` [m]: where device and hand begin; empty: at 0, or where the hand's motion begins."""
+        """`start_m` [m]: where device and hand begin; empty: at 0, or where the hand's motion begins.
+
+        let_go_s: time of the hand from which on nobody holds the device [s]
+        """
         super().__init__(f"{capability.family}:{capability.model}", capability.axes)
         self.capability = capability
         self.plant = plant
@@ -52,6 +59,8 @@ class SimulatedDevice(Driver):
         self._spans: list[range] = []  # ticks in which each lasts
         self._start_m = fit_axes(start_m, capability.axes, "x0_m") if start_m else None
         self._force: Sequence[float] = self._zero
+        self._let_go_s = let_go_s
+        self._last_held: float = inf  # last tick of the hand's own time in which it holds the device
         self._begins, self._waits = 0, False  # tick at which the hand's own time begins; it is still to come
 
     @property
@@ -70,7 +79,8 @@ class SimulatedDevice(Driver):
 
     @hand.setter
     def hand(self, hand: Hand) -> None:
-        self._hand, self._drive = hand, hand.drive
+        self._hand = hand
+        self._drive: Callable[[int], Sequence[float]] = hand.drive
 
     @property
     def position_m(self) -> tuple[float, ...]:
@@ -108,6 +118,7 @@ class SimulatedDevice(Driver):
         self._spans = [press.ticks(rate_hz) for press in self.presses]
         self._force, self._tick, self._open = self._zero, 0, True
         self._begins, self._waits = 0, False
+        self._last_held, self._drive = self._let_go_s * rate_hz - 1.0, self._hand.drive
 
     def wait(self) -> None:
         """Hold the hand where it begins, until `begin`. To be called once open."""
@@ -124,14 +135,24 @@ class SimulatedDevice(Driver):
         if tick != last:
             if tick < last:
                 raise self._fallen(tick)
-            step, drive, force, begins = self._step, self._drive, self._force, self._begins
+            step, drive, force, begins, last_held = self._step, self._drive, self._force, self._begins, self._last_held
             for k in range(last, tick):
-                step(drive(0 if self._waits else k - begins), force)
+                at = 0 if self._waits else k - begins
+                if at > last_held:
+                    drive, last_held = self._let_go(len(drive(at))), inf
+                step(drive(at), force)
             self._tick = tick
             if self._waits:
                 self._begins = tick
         sample = self._sense()
         return sample.replaced(buttons=self.buttons) if self._spans else sample
+
+    def _let_go(self, entries: int) -> Callable[[int], Sequence[float]]:
+        """Have nobody hold the plant any more. Return the drive of nobody, of so many entries."""
+        nothing = (0.0,) * entries
+        self._last_held, self._drive = inf, lambda tick: nothing
+        self.plant.release()
+        return self._drive
 
     def write(self, force_n: Sequence[float]) -> Sequence[float] | None:
         if not self._open:

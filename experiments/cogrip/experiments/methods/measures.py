@@ -171,7 +171,8 @@ def put_in_j(work_j: Array) -> float:
 def is_active(created_mj: float, put_in_mj: float) -> bool:
     """Return whether a session was active, the contrary of passive, by the energy that was created.
 
-    created_mj: beyond what ledgers account for, and judge: the leak of the devices' sampled dampers, and what lines lent.
+    created_mj: beyond what ledgers account for, and judge: the leak of the devices' sampled dampers, what lines lent, and what
+    hands at rest were given.
     """
     return created_mj > max(ACTIVE_MJ, ACTIVE_SHARE * put_in_mj)
 
@@ -209,7 +210,7 @@ def read(trace: SessionTrace, summary: Summary, diverged: str, clean: Array, ide
     created_mj = created_j(trace.work_j, trace.object_j) * 1e3
     leak_mj = -1e3 * add_floats(min(0.0, user["energy"]["device_leak_j"]) for user in users)
     lent_mj = -1e3 * add_floats(min(0.0, user["energy"].get("line_margin_j") or 0.0) for user in users)
-    active = is_active(created_mj - leak_mj - lent_mj, put_in_j(trace.work_j) * 1e3)
+    active = is_active(created_mj - leak_mj - lent_mj - 1e3 * trace.refilled_j, put_in_j(trace.work_j) * 1e3)
     pair = trace.position_m.shape[1] > 1
     scene = dig(summary, "server", "scene") or {}
     return {

@@ -106,8 +106,8 @@ def credits_of(summary: Mapping[str, Any], name: Callable[[str], str] = str) -> 
     words = ", ".join(f"{method} {'not known' if value is None else f'{value:g} mJ'}" for method, value in lent.items())
     return (
         f"Energy credit, what each direction of a person's line may give out before as much has come in: {words}. So a method "
-        "may have created more than another, and be passive, where what it created was lent, or is the leak of the devices' "
-        "sampled dampers."
+        "may have created more than another, and be passive, where what it created was lent, is the leak of the devices' "
+        "sampled dampers, or is what the gates of models of partners give to a hand that rests (20 mW at most)."
     )
 
 

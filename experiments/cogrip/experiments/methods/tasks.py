@@ -22,6 +22,10 @@ def _goes(place_m: float, stroke_s: float = 0.5) -> str:
     return f"waypoints&times_s=1,{1.0 + stroke_s}&x_m=0,{place_m}&{_HAND}"
 
 
+def _lets_go(hand: str, after_s: float) -> str:
+    return f"{hand}&let_go_s={1.0 + after_s}"
+
+
 def _to_and_fro(place_m: float, stroke_s: float, late_s: float = 0.0) -> str:
     return f"reach&amplitude_m={place_m}&stroke_s={stroke_s}&delay_s={1.0 + late_s}&{_HAND}"
 
@@ -32,5 +36,6 @@ TASKS: Mapping[str, Task] = {
     "together": Task("move to and fro together, 100 ms apart", (_to_and_fro(0.03, 0.8), _to_and_fro(0.03, 0.8, 0.1))),
     "rest": Task("one pushes, the other rests", (_goes(0.03), f"hold&{_HAND}")),
     "collide": Task("run into each other", (_goes(0.04, 0.15), _goes(-0.04, 0.15))),
+    "let-go": Task("pull apart, then one lets go", (_goes(0.03), _lets_go(_goes(-0.03), 3.0))),
     "limp": Task("one drags a limp hand along", (_to_and_fro(0.04, 1.0), f"hold&{_LIMP}")),
 }

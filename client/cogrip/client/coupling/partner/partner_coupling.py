@@ -84,6 +84,10 @@ class PartnerCoupling(LatestStateCoupling[Partner]):
         return self.gate.granted_j - self._granted_j
 
     @property
+    def refilled_j(self) -> float:
+        return self.gate.refilled_j
+
+    @property
     def reserve_j(self) -> float:
         """Return what the hand has put in and was given, less what it took and gave away: b - E_0 (theory 5b)."""
         return self.gate.budget_j - BUDGET_J
