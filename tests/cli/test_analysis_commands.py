@@ -215,3 +215,23 @@ def test_a_sweep_from_the_command_line_goes_on_and_refuses_another(cogrip: Cogri
     table = (out / "table.csv").read_bytes()
     assert "holds another sweep (other columns)" in cogrip.err(f"{command} --measure lifted.stable")
     assert (out / "table.csv").read_bytes() == table
+
+
+@pytest.mark.parametrize("command", ["feel", "stability radius"])
+def test_models_of_partners_are_answered_with_their_loop_gain(cogrip: Cogrip, command: str) -> None:
+    """Stiff hands may swing and limp ones do not; at rest a hand feels its partner's through both springs."""
+    flags = "--set coupling.kind=partner --set coupling.stiffness_npm=1000"
+    answer = cogrip.answer(f"{command} demo {flags}")
+    rows = {row["hand_npm"]: row for row in answer["hands"]}
+    assert rows[300.0]["felt_npm"] == pytest.approx(1.0 / (1.0 / 300.0 + 2.0 / 1000.0))
+    assert rows[150.0]["loop_gain"] < 1.0 < rows[1000.0]["loop_gain"]
+    code, shown, _ = cogrip(f"{command} demo {flags}")
+    assert code == 0
+    assert ("may swing" in shown, "187.5" in shown, "no spectral radius" in shown) == (True, True, True)
+
+
+def test_one_person_has_no_partner_to_model(cogrip: Cogrip, tmp_path: Path) -> None:
+    (tmp_path / "alone.toml").write_text('[coupling]\nkind = "partner"\n[[users]]\nname = "anna"\n')
+    code, _, said = cogrip(f"feel {tmp_path / 'alone.toml'}")
+    assert code != 0
+    assert "give users a second one" in said

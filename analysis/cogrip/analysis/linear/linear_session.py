@@ -185,7 +185,11 @@ def form_of(coupling: Coupling) -> Form:
         raise ModelError(
             f'coupling.kind = "{coupling.kind}": {limits} is not '
             "linear, so there is no model of it; "
-            + ("`cogrip advise` has the loop gain of its hands, " if coupling.traits.gated else "")
+            + (
+                "`cogrip feel` and `stability radius` have the loop gain of its hands, "
+                if coupling.traits.gated
+                else ""
+            )
             + "`cogrip lab` and `cogrip sweep` run whole sessions of it"
             + (" (coupling.compensate has no effect there)" if coupling.compensate else "")
         )

@@ -10,6 +10,7 @@ from cogrip.analysis.advice.free_end import free_end, free_end_record, free_end_
 from cogrip.analysis.feel.feel import conditions
 from cogrip.analysis.linear.linear_session import LinearSession
 from cogrip.cli.study.analysis_query import AS_IT_STANDS, ModelQuery
+from cogrip.cli.study.partner_room import tell_partners
 from cogrip.cli.terminal.output import make_console, write_json
 from cogrip.cli.terminal.parameters import Config
 from cogrip.cli.terminal.problem import BadInput, Problem
@@ -20,6 +21,7 @@ def feel(config: Config, /, *, user: int = 0, query: ModelQuery = AS_IT_STANDS, 
     """Print felt stiffness, damping and inertia at low frequency, and the delay budget; with --out the impedance to 64 Hz.
 
     In free motion without contact, alone with the object, on a wall, and with everybody else holding on (300 N/m, 5 N s/m).
+    With models of partners: the stiffness felt at rest and the loop gain, for hands of several stiffnesses.
 
     Parameters
     ----------
@@ -28,6 +30,8 @@ def feel(config: Config, /, *, user: int = 0, query: ModelQuery = AS_IT_STANDS, 
     out
         Folder for feel.png, .svg and .csv: rendered and ideal impedance over frequency.
     """
+    if out is None and user == 0 and (settings := query.settings(config)).coupling.traits.gated:  # all feel the same
+        return tell_partners(settings, query.json, str(config))
     session = query.model(config).session
     if not 0 <= user < len(session.people):
         raise BadInput(f"--user {user}: users are numbered 0 to {len(session.people) - 1}")

@@ -8,6 +8,7 @@ from cogrip.analysis.advice.free_end import free_end, free_end_text
 from cogrip.analysis.linear.linear_session import FORMS, ModelError
 from cogrip.analysis.linear.stability import largest_stable, verdict
 from cogrip.cli.study.analysis_query import AS_IT_STANDS, ModelQuery, Query
+from cogrip.cli.study.partner_room import tell_partners
 from cogrip.cli.terminal.output import make_console, write_json
 from cogrip.cli.terminal.parameters import Config
 from cogrip.cli.terminal.problem import BadInput, Problem
@@ -22,8 +23,10 @@ def radius(config: Config, /, *, query: ModelQuery = AS_IT_STANDS) -> int:
     """Print the spectral radius of the lifted model of one network frame (P eq. 36).
 
     Eigenvalues that the structure puts at 1 are counted by name: with any, the whole map's radius is at least 1. "Stable"
-    looks at all the others.
+    looks at all the others. With models of partners: the loop gain, for hands of several stiffnesses.
     """
+    if (settings := query.settings(config)).coupling.traits.gated:
+        return tell_partners(settings, query.json, str(config))
     model = query.model(config)
     found, session = verdict(model), model.session
     free = {one.name: judged for number, one in enumerate(session.people) if (judged := free_end(session, number))}
