@@ -29,6 +29,7 @@ LAWS = (
     "tests/server/test_seat_limits.py", "tests/server/test_rate_limit.py", "tests/server/test_dtls_channel.py",
     "tests/server/test_recorded_server_plays_again.py", "tests/results/test_recorded_sessions.py",
     "tests/protocol/test_decimation.py", "tests/protocol/test_wave_filter.py", "tests/client",
+    "tests/sim/test_schemes.py", "tests/sim/test_partner_sessions.py", "tests/sim/test_local_sessions.py",
     "tests/devices/test_simulated_hands.py", "tests/devices/test_simulated_plants.py", "tests/devices/test_plausibility.py",
 )  # fmt: skip
 
@@ -45,6 +46,46 @@ def test_every_type_file_has_its_module() -> None:
     for name in (name for name, source in found if source.suffix == ".py"):  # others are there only compiled
         module = importlib.import_module(name)
         assert str(module.__file__).endswith(".py") is (chosen is None), "of the form that is said"
+
+
+def _typed_classes() -> dict[str, tuple[str, set[str]]]:
+    """Return class -> (base, attributes that its type file keeps from Python)."""
+    found: dict[str, tuple[str, set[str]]] = {}
+    for types in compiling.TYPES.rglob("*.pxd"):
+        for name, base, body in re.findall(
+            r"^cdef class (\w+)(?:\((\w+)\))?:\n((?:    .*\n|\n)*)", types.read_text(), re.MULTILINE
+        ):
+            kept = re.findall(r"^    cdef (?!public |readonly )[^(\n]*?(\w+)$", body, re.MULTILINE)
+            found[name] = base, set(kept)
+    return found
+
+
+def test_no_interpreted_class_needs_what_a_typed_base_keeps_from_it() -> None:
+    """A class without types of its own that is derived from one with types reaches the public attributes alone."""
+    typed, derived = _typed_classes(), {}
+    for part in compiling.PARTS:
+        for path in compiling.folder_of(part).rglob("*.py"):
+            for node in ast.parse(path.read_text(encoding="utf-8")).body:
+                if isinstance(node, ast.ClassDef) and node.name not in typed:
+                    derived[node.name] = node
+    assert typed
+
+    def kept_from(name: str) -> set[str]:
+        if name in typed:
+            base, kept = typed[name]
+            return kept | kept_from(base) if base else kept
+        bases = [ast.unparse(base).split(".")[-1] for base in derived[name].bases] if name in derived else []
+        return set().union(*(kept_from(base) for base in bases if base != name))
+
+    used = {
+        name: {
+            each.attr
+            for each in ast.walk(node)
+            if isinstance(each, ast.Attribute) and ast.unparse(each.value) == "self"
+        }
+        for name, node in derived.items()
+    }
+    assert not {name: attributes & kept_from(name) for name, attributes in used.items() if attributes & kept_from(name)}
 
 
 def test_an_installation_by_pip_is_compiled_by_its_own_command(monkeypatch: pytest.MonkeyPatch) -> None:

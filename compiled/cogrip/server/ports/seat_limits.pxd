@@ -5,9 +5,9 @@ from cogrip.machine.addition cimport add_floats
 
 cdef class PowerBucket:
     cdef double _frame_s
-    cdef double _refill_j
-    cdef double _burst_j
-    cdef double _level_j
+    cdef public double _refill_j
+    cdef public double _burst_j
+    cdef public double _level_j
     cdef public object counts
 
 
