@@ -1,7 +1,7 @@
 """Record the sessions of this folder anew: `python3 dev.py rerecord`, when the behaviour is meant to change.
 
-`laboratory`: virtual time, 3 axes, a bad link. `live`: real processes over UDP on loopback. Both are verified before
-they take the place of the old ones.
+`laboratory`: virtual time, 3 axes, a bad link. `live`: real processes over UDP on loopback. The others: one of each scheme, in
+virtual time over a bad link. All are verified before they take the place of the old ones.
 """
 
 import shutil
@@ -9,6 +9,7 @@ import subprocess
 import sys
 import tempfile
 from pathlib import Path
+from typing import Any
 
 from cogrip.protocol.settings.room import resolve
 from cogrip.results.reading.records import open_run
@@ -38,9 +39,28 @@ LABORATORY = {
 }
 
 
+SCHEMES: dict[str, dict[str, Any]] = {
+    "coupling": {"coupling": {"kind": "coupling", "stiffness_npm": 300.0}},
+    "tdpa": {"coupling": {"kind": "tdpa"}},
+    "local": {"coupling": {"kind": "local"}, "object": {"kind": "wall", "axes": 1}},
+    "partner": {"coupling": {"kind": "partner", "stiffness_npm": 1000.0}},
+}
+
+
 def laboratory(folder: Path) -> None:
     folder.mkdir()
     run_laboratory(resolve(LABORATORY), folder)
+
+
+def of_scheme(folder: Path) -> None:
+    """Record the scheme by which the folder is called."""
+    given = SCHEMES[folder.name]
+    users = [
+        {"name": "anna", "hand": "reach&amplitude_m=0.02&stroke_s=0.3"},
+        {"name": "ben", "hand": "hold", "side": "right"},
+    ]
+    folder.mkdir()
+    run_laboratory(resolve({**LABORATORY, "name": folder.name, "object": {"axes": 1}, "users": users, **given}), folder)
 
 
 def live(folder: Path) -> None:
@@ -54,17 +74,19 @@ def live(folder: Path) -> None:
     made.rename(folder)
 
 
-def main() -> int:
+def main(*names: str) -> int:
+    """Record the sessions of these names; all of them without any."""
     with tempfile.TemporaryDirectory() as work:
-        for record in (laboratory, live):
-            made = Path(work) / record.__name__
-            record(made)
+        makers = {"laboratory": laboratory, "live": live, **dict.fromkeys(SCHEMES, of_scheme)}
+        for name in names or makers:
+            made = Path(work) / name
+            makers[name](made)
             run = open_run(made)
             for end in (*run.clients.values(), run.server):
                 if end is None or not verify(end.recording).exact:
                     print(f"{made.name} does not verify; nothing of it was kept", file=sys.stderr)
                     return 1
-            kept = HERE / record.__name__
+            kept = HERE / name
             shutil.rmtree(kept, ignore_errors=True)
             kept.mkdir()
             for path in sorted(made.iterdir()):
@@ -75,4 +97,4 @@ def main() -> int:
 
 
 if __name__ == "__main__":
-    sys.exit(main())
+    sys.exit(main(*sys.argv[1:]))

@@ -11,6 +11,7 @@ from mcap.reader import make_reader
 from cogrip.protocol.recording.derived import DERIVED
 from cogrip.protocol.recording.reader import open_recording
 from cogrip.protocol.recording.records import kind_of
+from cogrip.protocol.settings.coupling_kinds import COUPLING_KINDS
 from cogrip.protocol.settings.room import resolve
 from cogrip.results.replay.comparison import ReplayComparison
 from cogrip.results.replay.verify import verify
@@ -20,10 +21,11 @@ RECORDINGS = Path(__file__).resolve().parents[1] / "recordings"
 FILES = sorted(RECORDINGS.glob("*/*.mcap"))
 
 
-def test_both_sessions_are_here():
-    assert {path.parent.name for path in FILES} == {"laboratory", "live"}
-    assert len(FILES) == 6
-    assert sum(path.stat().st_size for path in FILES) < 1_000_000
+def test_a_session_of_every_scheme_is_here():
+    kinds = {json.loads((folder / "settings.json").read_text())["coupling"]["kind"] for folder in RECORDINGS.glob("*/")}
+    assert kinds == set(COUPLING_KINDS)
+    assert len(FILES) == 3 * (2 + len(COUPLING_KINDS) - 1)
+    assert sum(path.stat().st_size for path in FILES) < 2_000_000
 
 
 @pytest.mark.parametrize("path", FILES, ids=lambda path: f"{path.parent.name}-{path.stem}")
