@@ -25,14 +25,21 @@ NOT_OURS = ("GL Driver Message", "WebSocket connection to")  # the second: a ser
 
 
 class BrowserPage:
-    """`errors`: all that went wrong in the page: exceptions, what it logged as an error, broken policy."""
+    """`errors`: all that went wrong in the page: exceptions, what it logged as an error, broken policy.
+
+    context: of a browser context of its own, what Playwright takes; without, it is a tab of the one that pages share
+    """
 
     def __init__(
-        self, browser: Any, address: str, width: int = 1280, height: int = 720, script: str = "", **context: Any
-    ) -> None:
-        self.context = browser.new_context(viewport={"width": width, "height": height}, **context)
-        self.context.set_default_timeout(PATIENCE_MS)
+        self, browser: Any, address: str, width: int = 1280, height: int = 720, script: str = "", color_scheme: str = "light",
+        **context: Any,
+    ) -> None:  # fmt: skip
+        self._own = bool(context)
+        self.context = browser.new_context(**context) if self._own else browser.contexts[0]
         self.tab = self.context.new_page()
+        self.tab.set_default_timeout(PATIENCE_MS)
+        self.tab.set_viewport_size({"width": width, "height": height})
+        self.tab.emulate_media(color_scheme=color_scheme)
         self.errors: list[str] = []
         self.requests: list[str] = []
         self.tab.on("pageerror", lambda error: self.errors.append(str(error)))
@@ -74,7 +81,7 @@ class BrowserPage:
 
     def close(self) -> None:
         self.state("new Promise((resolve) => setTimeout(resolve))")  # what is still to be told comes before
-        self.context.close()
+        (self.context if self._own else self.tab).close()
 
 
 Shown = tuple[BrowserPage, PageServer]

@@ -89,12 +89,12 @@ def test_front_ends_in_a_browser(open_page: Open, tmp_path: Path) -> None:
         page = open_page(f"{elsewhere}/")
         assert page.state(f"({CONNECTED})({address!r})") == "serverInfo"
         assert page.state(f"({CONNECTED})({address.partition('?')[0]!r})") == "refused", "without a token"
-        page = open_page((site / "index.html").as_uri())
+        page = open_page((site / "index.html").as_uri(), offline=False)  # in a context of its own, for its permissions
         assert page.state(f"({CONNECTED})({address!r})") == "serverInfo"
         with suppress(Exception):  # A browser that does not ask has no such permission.
             page.context.grant_permissions(["local-network-access"])
         for origin, answer in ((FRONT_ENDS[0], "serverInfo"), (OWN, "serverInfo"), (THEIRS, "refused")):
-            page.context.route(f"{origin}/**", lambda route: route.fulfill(body=PAGE, content_type="text/html"))
+            page.tab.route(f"{origin}/**", lambda route: route.fulfill(body=PAGE, content_type="text/html"))
             page.tab.goto(f"{origin}/")
             assert page.state("origin") == origin
             assert page.state(f"({CONNECTED})({address!r})") == answer
