@@ -43,6 +43,8 @@ PRELOADED = (
 """Not what draws a report: every process locks its memory, and would copy that too."""
 begun: list[str] = []
 """Commands that were begun here until now."""
+listeners: list[Callable[[], None]] = []
+"""What is called as a command begins."""
 _LONGEST = 200_000  # bytes of a request, environment and all
 _COMM = 15  # characters of a process's name
 _MESSAGE = struct.Struct("=ii")  # the process id, then the exit code as `subprocess` has it
@@ -128,6 +130,8 @@ def start(
     """Start `cogrip ARGUMENTS`, or Python `code` with these arguments, unbuffered and in a session of its own; text streams."""
     words = [str(argument) for argument in arguments]
     begun.append(" ".join(words))
+    for each in listeners:
+        each()
     environment = dict(os.environ if env is None else env)
     if sys.platform == "linux":
         request = {"arguments": words, "code": code, "folder": os.getcwd(), "environment": environment}

@@ -54,8 +54,12 @@ class StallWatch:
         """Measure from now on, and end this process if it is not told of another test within a time [s]."""
         self._tell(b"%g\n" % limit_s)
 
+    def look_closely(self) -> None:
+        """Measure stalls from now on, until the next test begins."""
+        self._tell(b"!\n")
+
     def measured(self) -> tuple[float, float]:
-        """Return the longest stall since the test began [s], and the mean share of a processor that whoever wanted one had."""
+        """Return the longest stall since the close look [s], and the mean share of a processor that whoever wanted one had."""
         assert self._process.stdout is not None
         self._tell(b"?\n")
         stall_s, share = map(float, self._process.stdout.readline().split())
@@ -81,12 +85,15 @@ def pytest_sessionstart(session: pytest.Session) -> None:
     session.config.stash[_SKIPPED] = []
     runs = session.config.getoption("dist", "no") == "no"  # itself, and leaves it to no workers
     if runs and os.name == "posix":  # elsewhere no test starts such processes
-        session.config.stash[_WATCH] = StallWatch()
+        session.config.stash[_WATCH] = watch = StallWatch()
+        forked.listeners.append(watch.look_closely)
 
 
 def pytest_sessionfinish(session: pytest.Session) -> None:
     if _WATCH in session.config.stash:
-        session.config.stash[_WATCH].end()
+        watch = session.config.stash[_WATCH]
+        forked.listeners.remove(watch.look_closely)
+        watch.end()
 
 
 def pytest_runtest_protocol(item: pytest.Item, nextitem: pytest.Item | None) -> bool:
@@ -145,13 +152,16 @@ def _run(
     alone: a small share excuses nothing then, as no other test shares the machine: only a stall does
     """
     begun, watch = len(forked.begun), item.config.stash.get(_WATCH, None)
+    on_time = item.get_closest_marker("on_time")
     if watch:
         watch.begin(hangs_s(item))
+        if on_time is not None:
+            watch.look_closely()
     reports = runtestprotocol(item, nextitem=nextitem, log=False)
     if any(report.failed and DEFECT.search(report.longreprtext) for report in reports):
         return reports, ""  # no machine makes that of a program
     said = any(report.skipped and MACHINE_STALLED in str(report.longrepr) for report in reports)
-    lives = len(forked.begun) > begun or item.get_closest_marker("on_time") is not None
+    lives = len(forked.begun) > begun or on_time is not None
     if watch and (said or (lives and any(report.failed for report in reports))):
         stall_s, share = watch.measured()
         if said or stall_s > _within_s(item) or (share < LEAST_SHARE and not alone):
@@ -223,6 +233,8 @@ class Alone:
                 pytest.TestReport._from_json(json.loads(line)) for line in path.read_text(encoding="utf-8").splitlines()
             ]
         for report in reports:
+            if isinstance(report.longrepr, list):
+                report.longrepr = tuple(report.longrepr)  # as pytest has a place, which JSON makes a list
             self._config.hook.pytest_runtest_logreport(report=report)
         for name in set(names) - {report.nodeid for report in reports}:
             place = (name.partition("::")[0], 0, name)

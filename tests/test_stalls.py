@@ -7,6 +7,8 @@ import select
 import signal
 import subprocess
 import sys
+from collections.abc import Mapping
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -22,31 +24,12 @@ from pathlib import Path
 from tests import stalls
 
 pytest_plugins = ("tests.stalls",)
-TABLE = Path("table.json")
 
 def _run(item, nextitem, before=stalls._run, **given):
-    measured, *rest = json.loads(TABLE.read_text())
-    TABLE.write_text(json.dumps(rest or [measured]))
+    table = item.path.with_suffix(".json")
+    measured, *rest = json.loads(table.read_text())
+    table.write_text(json.dumps(rest or [measured]))
     stalls.StallWatch.measured = lambda self: measured if isinstance(measured, list) else (measured, 1.0)
-    return before(item, nextitem, **given)
-stalls._run = _run
-"""
-TEST = """
-import json
-from pathlib import Path
-from tests import stalls
-
-pytest_plugins = ("tests.stalls",)
-TABLE = Path("table.json")
-
-def longest_s(self):
-    return 0.0
-stalls.StallWatch.longest_s = longest_s
-
-def _run(item, nextitem, before=stalls._run, **given):
-    stalls_s, *rest = json.loads(TABLE.read_text())
-    TABLE.write_text(json.dumps(rest or [stalls_s]))
-    stalls.StallWatch.longest_s = lambda self: stalls_s
     return before(item, nextitem, **given)
 stalls._run = _run
 """
@@ -54,29 +37,39 @@ TEST = """
 import pytest
 from pathlib import Path
 
+RUNS, OTHERS = Path(__file__).with_suffix(".runs"), Path(__file__).with_suffix(".others")
+
 {mark}
 def test_lives():
-    runs = Path("runs.txt")
-    runs.write_text(runs.read_text() + "x" if runs.exists() else "x")
-    assert len(runs.read_text()) >= {good_from}
+    RUNS.write_text(RUNS.read_text() + "x" if RUNS.exists() else "x")
+    assert len(RUNS.read_text()) >= {good_from}
 
 def test_other():
-    Path("others.txt").open("a").write(str(Path("runs.txt").read_text()) + ",")
+    OTHERS.open("a").write(RUNS.read_text() + ",")
 """
+ON_TIME = "@pytest.mark.on_time"
 pytestmark = pytest.mark.skipif(os.name != "posix", reason="no stalls are measured here")
 
 
-def run(
-    folder: Path, measured: list[Any], good_from: int | str, mark: str = "@pytest.mark.on_time", *options: str
-) -> tuple[int, str, int]:
-    """Return exit code, output and the number of runs of a test that passes from its so manieth run on.
+@dataclass(frozen=True)
+class Case:
+    """A test that passes from its so manieth run on.
 
-    measured: of each run, the stall [s], or that and the share
+    measured: of each run of it or of the other one, the stall [s], or that and the share
     """
+
+    measured: list[Any]
+    good_from: int | str
+    mark: str = ON_TIME
+
+
+def run(folder: Path, cases: Mapping[str, Case], *options: str) -> tuple[int, str]:
+    """Return exit code and output of a run of pytest."""
     (folder / "conftest.py").write_text(CONFTEST)
-    (folder / "pytest.ini").write_text("[pytest]\naddopts = -q\n")
-    (folder / "table.json").write_text(json.dumps(measured))
-    (folder / "test_it.py").write_text(TEST.format(mark=mark, good_from=good_from))
+    (folder / "pytest.ini").write_text("[pytest]\naddopts = -q -rA --show-capture=no\n")
+    for name, case in cases.items():
+        (folder / f"test_{name}.json").write_text(json.dumps(case.measured))
+        (folder / f"test_{name}.py").write_text(TEST.format(mark=case.mark, good_from=case.good_from))
     environment = {key: value for key, value in os.environ.items() if not key.startswith(("PYTEST_", ALONE))}
     options = ("-p", "xdist", *options) if options else ("-p", "no:xdist")
     done = subprocess.run(
@@ -84,68 +77,73 @@ def run(
         cwd=folder, env={**environment, "PYTHONPATH": str(ROOT), "PYTEST_DISABLE_PLUGIN_AUTOLOAD": "1"},
         capture_output=True, text=True, check=False,
     )  # fmt: skip
-    return done.returncode, done.stdout + done.stderr, len((folder / "runs.txt").read_text())
+    return done.returncode, done.stdout + done.stderr
+
+
+def runs(folder: Path, name: str) -> int:
+    """Return how often the test of a case was run."""
+    return len((folder / f"test_{name}.runs").read_text())
 
 
 @pytest.mark.parametrize("options", [(), ("-n", "1")], ids=["one process", "workers"])
 def test_it_runs_again_alone_at_the_end(tmp_path: Path, options: tuple[str, ...]) -> None:
-    code, said, runs = run(tmp_path, [0.2, 0.0], 2, "@pytest.mark.on_time", *options)
-    assert (code, runs) == (0, 2), said
+    code, said = run(tmp_path, {"it": Case([0.2, 0.0], 2)}, *options)
+    assert (code, runs(tmp_path, "it")) == (0, 2), said
     assert "2 passed" in said
     assert "test_it.py::test_lives: this machine took the processor away, for 0.2 s" in said
-    assert (tmp_path / "others.txt").read_text() == "x,", "the other test ran before it was run again"
+    assert (tmp_path / "test_it.others").read_text() == "x,", "the other test ran before it was run again"
 
 
-def test_it_is_skipped_by_name_with_the_figure_where_the_machine_stalls_alone_too(tmp_path: Path) -> None:
-    code, said, runs = run(tmp_path, [0.2, 0.0, 0.1, 0.3, 0.4], 99)
-    assert (code, runs) == (0, 1 + RUNS), said
-    assert "1 passed, 1 skipped" in said
-    assert re.search(r"test_lives: Skipped: .* for 0.4 s.*; alone it needs one within 0.03 s", said)
+CASES = {
+    "stalls alone too": Case([0.2, 0.0, 0.1, 0.3, 0.4], 99),
+    "no stall alone": Case([0.2, 0.0, 0.0], 99),
+    "small share": Case([[0.01, LEAST_SHARE - 0.01], 0.0], 2),
+    "share that is enough": Case([[0.01, LEAST_SHARE], 0.0], 2),
+    "small share alone": Case([[0.01, LEAST_SHARE - 0.4], 0.0, [0.01, LEAST_SHARE - 0.4]], 99),
+    "error of a program": Case([0.2], "len(RUNS)"),  # which has no length
+    "no stall": Case([STALL_S], 2),
+    "no need": Case([0.2], 2, ""),
+    "within its need": Case([0.2, 0.0], 2, "@pytest.mark.on_time(0.3)"),
+    "beyond its need": Case([0.4, 0.0], 2, "@pytest.mark.on_time(0.3)"),
+}
 
 
-def test_it_fails_where_it_fails_alone_on_a_machine_that_does_not_stall(tmp_path: Path) -> None:
-    code, said, runs = run(tmp_path, [0.2, 0.0, 0.0], 99)
-    assert (code, runs) == (1, 2), said
-    assert "1 failed, 1 passed" in said
+@pytest.fixture(scope="module")
+def ran(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, str]:
+    """A run of all cases: its folder, and what it said."""
+    folder = tmp_path_factory.mktemp("cases")
+    code, said = run(folder, CASES)
+    assert code == 1, said
+    return folder, said
 
 
-def test_a_machine_that_too_many_share_is_one_that_does_not_give_it(tmp_path: Path) -> None:
-    code, said, runs = run(tmp_path, [[0.01, LEAST_SHARE - 0.01], 0.0], 2)
-    assert (code, runs) == (0, 2), said
-    (tmp_path / "runs.txt").unlink()
-    code, said, runs = run(tmp_path, [[0.01, LEAST_SHARE], 0.0], 2)
-    assert (code, runs) == (1, 1), said
-
-
-def test_alone_a_small_share_is_no_excuse(tmp_path: Path) -> None:
-    small = [0.01, LEAST_SHARE - 0.4]
-    code, said, runs = run(tmp_path, [small, 0.0, small], 99)
-    assert (code, runs) == (1, 2), said
-    assert "1 failed, 1 passed" in said
-
-
-def test_an_error_of_a_program_is_none_of_the_machine(tmp_path: Path) -> None:
-    code, said, runs = run(tmp_path, [0.2], "len(runs)")  # which has no length
-    assert (code, runs) == (1, 1), said
-    assert "TypeError" in said
-
-
-def test_it_fails_at_once_where_nothing_stalled(tmp_path: Path) -> None:
-    code, said, runs = run(tmp_path, [STALL_S], 2)
-    assert (code, runs) == (1, 1), said
-
-
-def test_a_test_that_needs_no_processor_in_time_is_not_excused(tmp_path: Path) -> None:
-    code, said, runs = run(tmp_path, [0.2], 2, "")
-    assert (code, runs) == (1, 1), said
-
-
-def test_the_need_is_what_the_test_says(tmp_path: Path) -> None:
-    code, said, runs = run(tmp_path, [0.2, 0.0], 2, "@pytest.mark.on_time(0.3)")
-    assert (code, runs) == (1, 1), said
-    (tmp_path / "runs.txt").unlink()
-    code, said, runs = run(tmp_path, [0.4, 0.0], 2, "@pytest.mark.on_time(0.3)")
-    assert (code, runs) == (0, 2), said
+@pytest.mark.parametrize(
+    ("name", "outcome", "times"),
+    [
+        ("stalls alone too", "SKIPPED", 1 + RUNS),
+        ("no stall alone", "FAILED", 2),
+        ("small share", "PASSED", 2),
+        ("share that is enough", "FAILED", 1),
+        ("small share alone", "FAILED", 2),
+        ("error of a program", "FAILED", 1),
+        ("no stall", "FAILED", 1),
+        ("no need", "FAILED", 1),
+        ("within its need", "FAILED", 1),
+        ("beyond its need", "PASSED", 2),
+    ],
+)
+def test_what_failed_is_excused_where_the_machine_gave_too_little(
+    ran: tuple[Path, str], name: str, outcome: str, times: int
+) -> None:
+    """A stall, or a small share beside others, excuses it in its first run; alone a stall does; its own error nothing."""
+    folder, said = ran
+    assert re.search(rf"^{outcome} (\[1\] )?test_{name}\.py:(:test_lives|\d+: )", said, re.MULTILINE), said
+    assert runs(folder, name) == times
+    assert f"PASSED test_{name}.py::test_other" in said
+    if name == "stalls alone too":
+        assert re.search(r"test_lives: Skipped: .* for 0.4 s.*; alone it needs one within 0.03 s", said)
+    if name == "error of a program":
+        assert f"FAILED test_{name}.py::test_lives - TypeError" in said
 
 
 def test_a_test_that_hangs_is_shown_and_ended(tmp_path: Path) -> None:
@@ -169,10 +167,11 @@ def test_limits_are_330_s_and_what_a_test_says_that_it_lasts(request: pytest.Fix
     assert hangs_s(request.node) == 430.0
 
 
-def test_the_watch_measures_from_the_beginning_of_a_test_on() -> None:
+def test_the_watch_measures_from_where_it_is_to_look_closely_on() -> None:
     watch = StallWatch()
     watch.begin(100.0)
-    watch.measured()  # it has begun
+    watch.look_closely()
+    watch.measured()  # it does
     os.kill(watch._process.pid, signal.SIGSTOP)
     os.waitid(os.P_PID, watch._process.pid, os.WSTOPPED | os.WNOWAIT)
     select.select([], [], [], 0.1)
