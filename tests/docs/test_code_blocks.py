@@ -2,11 +2,8 @@
 
 import ast
 import inspect
-import os
 import re
 import shutil
-import subprocess
-import sys
 import textwrap
 import tomllib
 from collections.abc import Iterator
@@ -20,6 +17,7 @@ from cogrip.devices.family.simulated import GROUP
 from cogrip.experiments.study.study_file import read_study
 from cogrip.server.worlds.registry import ALLOWED
 
+from tests import forked
 from tests.docs.pages import ROOT, page
 from tests.source_tree import FOLDERS
 
@@ -97,12 +95,13 @@ def test_the_blocks_are_found() -> None:
 
 
 @pytest.mark.parametrize(("name", "text"), BLOCKS, ids=[name for name, _ in BLOCKS])
-def test_a_block_of_python_runs(name: str, text: str, tmp_path: Path) -> None:
+def test_a_block_of_python_runs(name: str, text: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     prepare(name, tmp_path)
-    command, env = [sys.executable, "-c", text], {**os.environ, "PYTHONPATH": str(tmp_path)}
-    done = subprocess.run(command, cwd=tmp_path, env=env, capture_output=True, text=True, timeout=LIMIT_S, check=False)
-    assert done.returncode == 0, done.stderr
-    assert EXPECTED[name] in done.stdout
+    monkeypatch.chdir(tmp_path)
+    with forked.start(code=f"import sys; sys.path.insert(0, {str(tmp_path)!r})\n{text}") as process:
+        said, _ = process.communicate(LIMIT_S)
+    assert process.returncode == 0, said
+    assert EXPECTED[name] in said
 
 
 def test_the_knock_of_the_page_is_felt(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

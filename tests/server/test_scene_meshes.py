@@ -16,6 +16,7 @@ from cogrip.analysis.advice.scene_advice import scene_findings
 from cogrip.protocol.drawing import Shape
 from cogrip.protocol.settings.room import resolve
 from cogrip.protocol.wire.messages import MAX_MESSAGE_BYTES, Geom, encode
+from cogrip.server.worlds.scenes import scene_surfaces
 from cogrip.server.worlds.scenes.local_geometry import local_geometry
 from cogrip.server.worlds.scenes.scene_file import Held, load_scene
 from cogrip.server.worlds.scenes.scene_shapes import shapes_of
@@ -126,7 +127,7 @@ def volume(triangles: np.ndarray) -> float:
 
 def test_a_mesh_of_too_many_triangles_is_drawn_by_its_share_of_them(tmp_path: Path) -> None:
     """Its form is kept: no corner leaves the mesh by more than a cell of the grid, and the volume stays."""
-    (tmp_path / "brick.obj").write_bytes(ball(12_000, 0.05))
+    (tmp_path / "brick.obj").write_bytes(ball(7000, 0.05))
     world = world_of(scene_in(tmp_path), ("",))
     shapes = [each for each in world.drawing.shapes() if each.object]
     triangles = surface(shapes)
@@ -164,9 +165,12 @@ def test_small_meshes_are_whole_and_large_ones_share_what_is_left(tmp_path: Path
     assert told.startswith("drawn by fewer triangles than they have, 3 in all: g0, g1, g2; a scene is drawn by 12000 ")
 
 
-def test_where_a_share_has_no_form_left_a_mesh_is_a_box_and_named(tmp_path: Path) -> None:
+def test_where_a_share_has_no_form_left_a_mesh_is_a_box_and_named(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(scene_surfaces, "MOST_SCENE_TRIANGLES", MOST_SCENE_TRIANGLES // 10)
     (tmp_path / "ball.obj").write_bytes(ball(40, 0.05))
-    path, count = tmp_path / "scene.xml", 1000
+    path, count = tmp_path / "scene.xml", 100
     body = '<geom name="g{0}" type="mesh" mesh="brick" pos="{0} 0 1"/>'
     path.write_text(
         SCENE.format(file="ball.obj", compiler="").replace(

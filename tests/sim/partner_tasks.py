@@ -126,6 +126,7 @@ def ideal(people: tuple[Person | str, ...], device: str = EXACT, seconds: float 
     return run(ideal_settings(settings_of(people, 0.0, device, seconds), 1))
 
 
+@lru_cache(maxsize=2)
 def felt(
     method: str, people: tuple[Person | str, ...], delay_ms: float, device: str = EXACT, seconds: float = 6.0, seed: int = 1,
     change: Callable[[dict[str, Any]], None] | None = None, **link: Any,

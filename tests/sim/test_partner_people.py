@@ -11,7 +11,7 @@ from cogrip.experiments.methods.method import ideal_settings, session_settings
 
 from tests.extent import long
 
-SECONDS, FIRST_S = 8.0, 1.5
+SECONDS, FIRST_S = 4.0, 1.5
 HANDS_NPM = (300.0, 150.0, 500.0, 250.0, 400.0)
 SLOW_HZ = (0.13, 0.34, 0.21, 0.55, 0.42)
 
