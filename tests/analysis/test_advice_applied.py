@@ -112,7 +112,7 @@ def level_of(advice: Advice, topic: str) -> int:
     return max((LEVELS.index(finding.level) for finding in found), default=0)
 
 
-@pytest.mark.sample(2)
+@pytest.mark.sample(1)
 @pytest.mark.parametrize("number", range(SITUATIONS))
 def test_no_advice_makes_a_judged_case_worse(number: int) -> None:
     settings = situation(number)

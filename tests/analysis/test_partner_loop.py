@@ -11,7 +11,7 @@ from cogrip.client.coupling.partner.intention import Intention
 from cogrip.protocol.laws.partner_model import DRIFTING, HORIZON_S, Model, step_object
 
 PAIR = PartnerLoop(2, 1000.0, 10.0, 0.2, 0.0, 0.1, 0.5)
-TICK_S, SECONDS = 1.0 / 16384, 4.0  # a step so short that what it holds is not seen
+TICK_S, SECONDS = 1.0 / 16384, 3.0  # a step so short that what it holds is not seen
 
 
 def stepped(loop: PartnerLoop, hand_npm: float, told_npm: float, frequency_hz: float) -> float:

@@ -35,13 +35,13 @@ def opened(arm: str, hand: str = "hold", fault: str = "", late_ticks: int = 0) -
     return device
 
 
-@pytest.mark.sample(9)
+@pytest.mark.sample(6)
 @pytest.mark.parametrize(("arm", "hand"), list(product(ARMS, HANDS)))
 def test_nothing_is_wrong_with_a_device_that_is_well(arm: str, hand: str) -> None:
     assert faults(opened(arm, hand), at_once) == []
 
 
-@pytest.mark.parametrize(("arm", "hand", "fault"), every(7, product(ARMS, HANDS, FAULTS)))
+@pytest.mark.parametrize(("arm", "hand", "fault"), every(11, product(ARMS, HANDS, FAULTS)))
 def test_signs_axes_and_gains_are_named(arm: str, hand: str, fault: str) -> None:
     found = faults(opened(arm, hand, fault), at_once)
     assert WORDS[fault] in "; ".join(found)
