@@ -88,7 +88,7 @@ def test_a_last_line_that_was_cut_anywhere_is_mended(whole: Path, tmp_path: Path
     content = (whole / TRIALS).read_bytes()
     *before, last = content.splitlines(keepends=True)
     ends = cycle((b"", b"\n", b"\r\n", bytes(20), bytes(20) + b"\n"))
-    for kept, behind in zip(range(1, len(last) - 1), ends, strict=False):
+    for kept, behind in zip((*range(1, len(last) - 2, 7), len(last) - 2), ends, strict=False):
         copy = Path(shutil.copytree(whole, tmp_path / "copy"))
         (copy / TRIALS).write_bytes(b"".join(before) + last[:kept] + behind)
         assert len(read_trials(copy)) == len(before)

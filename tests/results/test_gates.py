@@ -17,6 +17,8 @@ from cogrip.results.verdict.gates import HandWork, hand_work, judge_gates, least
 from cogrip.results.verdict.verdict import passive
 from cogrip.results.writing.laboratory_run import run_laboratory
 
+SECONDS = 3.0
+
 
 def opposed(kind: str = "partner") -> Settings:
     """Two hands that pull to and fro against each other through 100 ms each way."""
@@ -29,7 +31,7 @@ def opposed(kind: str = "partner") -> Settings:
         for name, sign in (("anna", ""), ("ben", "-"))
     ]
     return resolve({
-        "seconds": 5.0, "coupling": {"kind": kind, "stiffness_npm": 1000.0, "damping_nspm": 10.0},
+        "seconds": SECONDS, "coupling": {"kind": kind, "stiffness_npm": 1000.0, "damping_nspm": 10.0},
         "object": {"axes": 1, "mass_kg": 0.2}, "link": {"delay_ms": 100.0}, "users": users,
     })  # fmt: skip
 
@@ -47,7 +49,7 @@ def test_a_session_within_its_budgets_is_passive_by_its_recordings(honest: tuple
     assert judged.tone == "good", judged.sentence
     assert "by the recorded forces and places" in judged.sentence
     assert 0.0 <= gates["margin_j"] <= gates["budget_j"]
-    assert 2.0 * BUDGET_J <= gates["budget_j"] <= 2.0 * (BUDGET_J + 5.0 * REFILL_W)
+    assert 2.0 * BUDGET_J <= gates["budget_j"] <= 2.0 * (BUDGET_J + SECONDS * REFILL_W)
     run = open_run(folder)
     for end in run.clients.values():  # the client's own ledger says the same here, as it is right
         own = end.columns("tick", "work_j")["work_j"]

@@ -137,7 +137,7 @@ def lifting(network: str, seed: int = 1) -> Settings:
     ]
     thing = {"kind": "scene", "axes": 6, "file": str(shipped_scene("lift.xml"))}
     link = {"profile": network, "loss": 0.05}
-    table = {"seconds": 6.0, "seed": seed, "object": thing, "coupling": {"kind": "local"}, "link": link, "users": users}
+    table = {"seconds": 5.2, "seed": seed, "object": thing, "coupling": {"kind": "local"}, "link": link, "users": users}
     return resolve(table)
 
 
