@@ -141,11 +141,19 @@ def _beyond_samples(items: list[pytest.Item]) -> list[pytest.Item]:
     return left_out
 
 
-def pytest_collection_finish() -> None:
+def pytest_collection_finish(session: pytest.Session) -> None:
     """Never look for garbage among what the collection made: 6 % of the processor time of all tests."""
     gc.freeze()
     gc.set_threshold(50_000)
     gc.enable()
+    if extent(session.config) != "all":
+        _try_scenes_here()
+
+
+def _try_scenes_here() -> None:
+    """Have scenes tried in this process: to fork one that has all tests takes 40 ms. tests/server/test_trial.py forks."""
+    if scene_file := sys.modules.get("cogrip.server.worlds.scenes.scene_file"):
+        scene_file.tried = lambda trial: trial()  # type: ignore[attr-defined]
 
 
 def _limit_examples(item: pytest.Item, share: float) -> None:

@@ -86,7 +86,7 @@ def test_a_task_that_cannot_be_is_refused_in_a_line(
     assert why in cogrip.err("compare", config, *arguments)
 
 
-@pytest.mark.usefixtures("no_pictures", "no_probes")
+@pytest.mark.usefixtures("no_pictures", "no_probes", "no_workers")
 def test_a_task_says_what_both_hands_do(config: Path, cogrip: Cogrip) -> None:
     command = ["compare", config, "--task", "limp", "--methods", "partner", "--profiles", "own", "--seeds", "1"]
     cogrip.texts(*command, "--workers", "1", "--json", "answer.json")

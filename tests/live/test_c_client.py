@@ -115,7 +115,7 @@ def test_a_person_by_c_and_one_by_python_hold_one_cube_with_models_of_each_other
         assert user["energy"]["device_margin_j"] >= 0.0
 
 
-@pytest.mark.parametrize("encrypted", [True, False])
+@pytest.mark.parametrize("encrypted", [True, long(False)])
 def test_both_clients_follow_a_redirect(run, serve, tmp_path: Path, example, encrypted: bool) -> None:
     """They ask a front, and hold the object of another server, whose key it has."""
     server, port = serve(DEMO, "--set", "link.delay_ms=0", *(sealed(tmp_path) if encrypted else []))

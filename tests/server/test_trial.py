@@ -26,6 +26,12 @@ STEP = 1 / 512
 BOX = '<body name="o"><freejoint/><geom type="box" size=".02 .02 .02" mass=".2"/></body>'
 LIMIT_S = 60.0
 
+
+@pytest.fixture(autouse=True)
+def _in_a_child(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(scene_file, "tried", tried)
+
+
 pytestmark = pytest.mark.skipif(not FORKS, reason="elsewhere the system limits no memory")
 
 

@@ -58,7 +58,11 @@ def each_second(seconds: float, laboratory: Laboratory, act: Callable[[int], Non
 
 
 def back_and_forth(laboratory: Laboratory) -> None:
-    each_second(laboratory.settings.seconds, laboratory, lambda second: ordered(laboratory, f"position_scale={10 if second % 2 else 0.1}"))
+    each_second(
+        laboratory.settings.seconds,
+        laboratory,
+        lambda second: ordered(laboratory, f"position_scale={10 if second % 2 else 0.1}"),
+    )
 
 
 def assert_passive(laboratory: Laboratory) -> ClientAccount:

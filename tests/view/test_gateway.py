@@ -362,9 +362,9 @@ def test_the_page_is_shown_and_held_through_nginx_by_the_recipe(gated: Gated, op
         with proxied(tmp_path, port, behind, gated.state):
             page = open_page(found[1], ignore_https_errors=True)
             page.until("cogrip.scene !== null && cogrip.frame !== null")
-            hand = open_page(f"{origin}/#{player}&hand", ignore_https_errors=True)
-            hand.until("cogrip.scene?.hand && cogrip.frame !== null")
-            page.until("cogrip.frame.people.length === 1")
+            page.tab.goto("about:blank")
+            page.tab.goto(f"{origin}/#{player}&hand")
+            page.until("cogrip.scene?.hand && cogrip.frame?.people.length === 1")
             assert page.state("cogrip.frame.people[0].state") in ("joining", "live")
     finally:
         gateway.stop()
