@@ -144,7 +144,7 @@ def _beyond_samples(items: list[pytest.Item]) -> list[pytest.Item]:
 def pytest_collection_finish(session: pytest.Session) -> None:
     """Never look for garbage among what the collection made: 6 % of the processor time of all tests."""
     gc.freeze()
-    gc.set_threshold(50_000)
+    gc.set_threshold(200_000)
     gc.enable()
     if extent(session.config) != "all":
         _try_scenes_here()

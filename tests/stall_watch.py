@@ -1,9 +1,9 @@
 """Sleeps for some ms at a time and knows when it awoke too late; ends its parent where a test hangs. A script of its own.
 
 On standard input come lines: a limit [s] as each test begins, of time as the machine gives it (`fair_time`); an exclamation
-mark as something begins that a stall may harm, from where on it sleeps for 5 ms at a time until the next test; a question mark. The
-answer to that, on standard output: the longest that it overslept since the mark [s], and since the test began the mean share of
-a processor that those had who wanted one. At the end of the input it ends.
+mark as something begins that a stall may harm, from where on it sleeps for 5 ms at a time until the next test; a question
+mark. The answer to that, on standard output: the longest that it overslept since the mark [s], and since the test began the
+mean share of a processor that those had who wanted one. At the end of the input it ends.
 """
 
 import os

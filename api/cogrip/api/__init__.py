@@ -7,12 +7,12 @@
     run = cogrip.run("demo", seconds=5.0, coupling={"stiffness_npm": 800.0})     # in virtual time
     print(run.good, run.columns("anna", "position_m", "force_n")["force_n"].max())
 
-    with cogrip.Session("demo", seconds=2.0, on_frame=print) as session:         # live: server and people as processes
+    with cogrip.Session("demo", seconds=1.0, on_frame=print) as session:         # live: server and people as processes
         run = session.wait()
 
-    with cogrip.Session("demo", seconds=2.0, mine=["ben"]) as session:           # live: with a device of your own
+    with cogrip.Session("demo", seconds=1.0, mine=["ben"]) as session:           # live: with a device of your own
         device = cogrip.device_of(lambda time_s, force_n: (0.01 * math.sin(time_s),))
-        account = cogrip.Client(session.address, device, name="ben", seconds=2.0).run()
+        account = cogrip.Client(session.address, device, name="ben", seconds=1.0).run()
 
 Units are SI and stand in names. Every error that its user can mend is an `ApiError`. docs/api.md has the guide.
 """
