@@ -477,6 +477,7 @@ typedef struct settings {
     int grips;      /* its impedance behind the places is that of a gripper [3.4] */
     int scaled;     /* the tool moves in a frame of its own [3.4] */
     int aided;      /* a workspace limit, or a handle that is to be carried [3.4] */
+    int scene;      /* the object is one of a scene */
     int emulated;   /* an impairment of the link is to be emulated */
     uint64_t print; /* of all its bytes: a resumed seat has the same */
     double impedance_nspm, lowpass_rad_s, rendered_npm, late, tank_mj, wave_filter_hz;
@@ -698,6 +699,7 @@ static void get_object(reader *from, settings *into) {
     char kind[65];
     get_map(from, names, 4, 4, value);
     get_name(&value[0], kind, sizeof kind, 64, " .:_-");
+    into->scene = !strcmp(kind, "scene");
     into->mass_kg = get_real(&value[1], 1e-6, 1e3);
     into->object_nspm = get_real(&value[2], 0.0, 1e4);
     into->axes = (int)get_int(&value[3], 1, WIRE_AXES);
@@ -3142,6 +3144,8 @@ static const char *unsupported(cogrip_client *client, const welcome *given) {
         }
         return client->unknown;
     }
+    if (seat->scene && !strcmp(seat->kind, "partner"))
+        return "the room is a scene with models of partners, of which this client makes no copy: set coupling.kind = \"wave\"";
     if (seat->grips) return "the seat's tool is a gripper, which this client has none of: take another seat";
     if (seat->axes > AXES)
         return "the room has 6 axes, this client 3: set orientation = \"free\", \"damped\" or \"fixed\" for this seat";

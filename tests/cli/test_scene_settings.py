@@ -5,6 +5,7 @@ from pathlib import Path
 import pytest
 
 from cogrip.cli.serving.served_rooms import warn_of
+from cogrip.cli.session import joined_device
 from cogrip.cli.session.joined_device import judge_seat
 from cogrip.cli.settings.settings_file import load
 from cogrip.cli.settings.shipped_settings import shipped_scene
@@ -87,3 +88,16 @@ def test_a_device_in_a_scene_is_refused_what_it_does_not_carry_and_warned_of_not
     assert "b = 500 N s/m is more than device sim:phantom carries" in judged(False, heavy)[0]
     refused, said = judged(True, heavy)
     assert (refused, len(said)) == ("", 1)
+
+
+def test_a_seat_of_a_copied_scene_is_refused_where_there_is_no_mujoco(monkeypatch: pytest.MonkeyPatch) -> None:
+    seat, record = (
+        seat_settings(load(Path("lift"), ["coupling.kind=partner"]), 0),
+        make("sim:phantom", axes=3).capability,
+    )
+    assert judge_seat("sim:phantom", False, print, seat, record) == ""
+    monkeypatch.setattr(joined_device, "find_spec", lambda name: None)
+    refused = judge_seat("sim:phantom", True, print, seat, record)
+    assert refused.startswith("refused: each client steps a copy of this room's scene")
+    assert "mujoco-core" in refused
+    assert "\n" not in refused

@@ -9,6 +9,7 @@ from typing import Any
 import pytest
 from msgspec.structs import replace
 
+from cogrip.cli.settings.shipped_settings import shipped_scene
 from cogrip.protocol.settings.rates import Rates
 from cogrip.protocol.settings.sections import Playout
 from cogrip.protocol.texts import clipped
@@ -359,6 +360,10 @@ def test_a_new_seat_session_begins_with_all_buttons_up(library: Any) -> None:
 WRONG: list[tuple[dict[str, Any], str]] = [
     ({"coupling": {"kind": "tdpa"}}, "coupling.kind"), ({"coupling": {"kind": "coupling"}}, "coupling.kind"),
     ({"users": [{"name": "anna", "position_scale": 2.0}]}, "scale, turn or clutch"),
+    (
+        {"object": {"kind": "scene", "file": str(shipped_scene("lift.xml")), "axes": 3}, "coupling": {"kind": "partner"}},
+        "no copy",
+    ),
     ({"link": {"delay_ms": 5.0}}, "emulated network"), ({"link": {"down": {"loss": 0.1}}}, "emulated network"),
 ]  # fmt: skip
 

@@ -64,7 +64,7 @@ def rooms(monkeypatch: pytest.MonkeyPatch) -> list[Room]:
         (thing, scheme)
         for scheme in SCHEMES
         for traits in [COUPLING_KINDS[scheme]]
-        for thing in (*objects_of(scheme), *["scene"] * (not traits.cube_alone), *["poses"] * traits.waves)
+        for thing in (*objects_of(scheme), "scene", *["poses"] * traits.waves)
     ],
 )
 def test_the_rooms_own_frame_is_timed_with_everybody_holding_on(kind: str, coupling: str, rooms: list[Room]) -> None:

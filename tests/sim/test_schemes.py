@@ -159,13 +159,14 @@ def test_whoever_adds_a_kind_decides_each_trait() -> None:
     assert not CouplingKind._field_defaults
 
 
-@pytest.mark.parametrize("kind", [kind for kind in KINDS if not COUPLING_KINDS[kind].cube_alone])
+@pytest.mark.parametrize("kind", KINDS)
 def test_every_scheme_has_scenes_of_its_own(kind: Kind) -> None:
-    scene = {"kind": "scene", "axes": 3, "file": str(shipped_scene("wall.xml"))}
+    one = COUPLING_KINDS[kind].one_object
+    scene = {"kind": "scene", "axes": 3, "file": str(shipped_scene("lift.xml" if one else "wall.xml"))}
     settings = resolve({"object": scene, "coupling": {"kind": kind}})
     world = server_schemes.make_room_world(settings, [seat_settings(settings, 0)])
     waves = COUPLING_KINDS[kind].waves
     row = (0.0,) * world.axes * world.inputs_per_axis
     world.join(0, np.zeros(3))
-    assert len(world.advance([row])[0]) == 3 * (1 if waves else 2)
+    assert len(world.advance([row])[0]) == (27 if one else 3 * (1 if waves else 2))
     assert (world.accounts.limiter() is not None) == waves

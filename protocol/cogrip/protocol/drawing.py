@@ -25,8 +25,28 @@ _NUMBER = Struct("<H")
 MOST_POINTS = MOST_SURFACE_BYTES // _NUMBER.size  # most points of one shape of points that move
 _COUNTS = 65535  # largest number that stands for a coordinate: the far side of the box around a surface
 MOST_LOCAL = 64  # most shapes with which a player's client renders contact itself
+MOST_COPIED = 32  # most shapes of which a client makes its copy of a scene
+OBJECT_NUMBERS = 14  # numbers of the inertia of a scene's object
 MOST_PAIRS = 256  # most pairs of a ball and a fixed shape among the shapes of local contact
 UNTURNED: Four = (1.0, 0.0, 0.0, 0.0)
+
+
+class Solid(msgspec.Struct, frozen=True, array_like=True):
+    """Substance of a shape, of which a client makes its own copy of a scene (`SPEC.md` section 7e).
+
+    friction  sliding, spinning [m] and rolling [m], as MJCF has them
+    bits      contype and conaffinity: two shapes touch where the one of either and the other of the other share a bit
+    inertia   of a tool its mass [kg]; of the object 14 numbers: mass, place of its middle in its frame [m], moments about that
+              [kg m^2], the orientation of their axes, and the acceleration of its fall [m/s^2]; at the first shape of the body
+    """
+
+    friction: Annotated[
+        tuple[Annotated[float, msgspec.Meta(ge=0.0, le=1e3)], ...], msgspec.Meta(min_length=3, max_length=3)
+    ]
+    bits: Annotated[tuple[Annotated[int, msgspec.Meta(ge=0, lt=2**31)], ...], msgspec.Meta(min_length=2, max_length=2)]
+    inertia: Annotated[
+        tuple[Annotated[float, msgspec.Meta(ge=-1e4, le=1e4)], ...], msgspec.Meta(max_length=OBJECT_NUMBERS)
+    ] = ()
 
 
 class Shape(msgspec.Struct, frozen=True):
@@ -44,6 +64,8 @@ class Shape(msgspec.Struct, frozen=True):
                  along an axis without end the middle of one is the plane's
     points       of a flex its triangles, three bodies each; of a tendon its path, two bodies or more (`pack_points`)
 
+    solid        of a shape of which a client's copy of a scene is made, else unset
+
     A flex and a tendon have no place: their points are the places of bodies. size_m is the radius of a tendon, else 0.
     """
 
@@ -59,6 +81,7 @@ class Shape(msgspec.Struct, frozen=True):
     colours: bytes | msgspec.UnsetType = msgspec.UNSET
     points: bytes | msgspec.UnsetType = msgspec.UNSET
     period_m: Two | msgspec.UnsetType = msgspec.UNSET
+    solid: Solid | msgspec.UnsetType = msgspec.UNSET
 
     def __post_init__(self) -> None:
         check_triangles(self.kind, self.triangles or b"")

@@ -57,7 +57,7 @@ SCHEMES: dict[Kind, Scheme] = {
     "local": Scheme(LocalPort, LocalFacesWorld, ("local_scene", "LocalSceneWorld")),
     "coupling": Scheme(StatePort, CoupledWorld, ("driven_scene", "CoupledScene")),
     "tdpa": Scheme(PowerPort, PowerWorld, ("driven_scene", "PowerScene")),
-    "partner": Scheme(PartnerPort, PartnersWorld, None),
+    "partner": Scheme(PartnerPort, PartnersWorld, ("partner_scene", "PartnersScene")),
 }
 """Scheme by `coupling.kind` of the settings, the same for all seats of a room."""
 

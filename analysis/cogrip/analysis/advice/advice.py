@@ -151,9 +151,9 @@ def overloads(settings: Settings) -> tuple[str, ...]:
 
 
 def unbounded(settings: Settings | SeatSettings) -> tuple[str, ...]:
-    """Return why a scene may shake its hands, () where waves drive it: then its limiter bounds what comes out."""
+    """Return why a scene may shake its hands, () where its limiter of waves, or a gate at each hand, bounds what comes out."""
     kind = settings.coupling.kind
-    if not settings.object.traits.scene or settings.coupling.traits.waves:
+    if not settings.object.traits.scene or settings.coupling.traits.waves or settings.coupling.traits.gated:
         return ()
     text = (
         f'coupling.kind = "{kind}": nothing bounds the energy that a scene makes under it, and no model tells whether it is '
@@ -223,7 +223,7 @@ def _passivity(seats: Sequence[SeatSettings]) -> list[Finding]:
         text = "not passive: plain virtual coupling makes energy of delay, so its stability holds for these very numbers only"
         return [Finding("passivity", text, level="note")]
     found = []
-    if coupling.traits.cube_alone:
+    if coupling.traits.one_object:
         text = (
             "what each hand gets its own gate bounds: what it has put in, what partners gave, and the budget of its seat, "
             "whatever network and partners do"

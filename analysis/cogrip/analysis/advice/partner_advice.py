@@ -37,6 +37,9 @@ def partner_findings(settings: Settings) -> list[Finding]:
     )
     if people < 2:
         return [*found, Finding("stability", "one person alone: there is nobody to model")]
+    if settings.object.traits.scene:
+        text = "each client steps a copy of the scene, of which there is no linear model; hands may swing, and gates bound it"
+        return [*found, Finding("stability", text)]
     loop = partner_loop(settings)
     gains = {hand: loop.worst(hand) for hand in HANDS_NPM}
     calm = [hand for hand, gain in gains.items() if gain < 1.0]

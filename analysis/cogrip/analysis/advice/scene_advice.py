@@ -13,13 +13,14 @@ from cogrip.devices.for_user import make_for
 from cogrip.machine.addition import add_floats
 from cogrip.protocol.axes import GRIP_AXES
 from cogrip.protocol.laws.felt_stiffness import felt_stiffness
+from cogrip.protocol.laws.scene_contact import CONTACT_RATE_PS2
 from cogrip.protocol.scene_words import changed_words, left_out_words
 from cogrip.protocol.settings.delays import line_delay
 from cogrip.protocol.settings.room import seat_axes
 from cogrip.protocol.settings.seat import SeatSettings
 from cogrip.protocol.settings.sections import Settings
 from cogrip.server.worlds.scenes.local_geometry import local_geometry, unfit_tool
-from cogrip.server.worlds.scenes.scene_file import ADDED, CONTACT_RATE_PS2, Scene, scene_of_settings
+from cogrip.server.worlds.scenes.scene_file import ADDED, Scene, scene_of_settings
 from cogrip.server.worlds.scenes.scene_shapes import shapes_of
 from cogrip.server.worlds.scenes.scene_surfaces import MOST_SCENE_TRIANGLES
 from cogrip.server.worlds.scenes.scene_text import MOST_NAMED

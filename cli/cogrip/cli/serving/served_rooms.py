@@ -103,7 +103,7 @@ def _advice_on(settings: Settings) -> tuple[str, ...]:
 
     try:
         if settings.coupling.traits.gated:
-            return partner_warnings(settings)
+            return tuple(dict.fromkeys((*partner_warnings(settings), *scene_warnings(settings))))
         return scene_warnings(settings) if settings.object.traits.scene else advise(settings).warnings
     except (ModelError, DeviceError) as error:
         return (f"no advice: {error}",)

@@ -1,6 +1,7 @@
 """Device that `cogrip join` holds: made, checked before the server is asked, and judged with the seat that it gets."""
 
 from collections.abc import Callable
+from importlib.util import find_spec
 
 from cogrip.analysis.advice.advice import advise_seat, unbounded
 from cogrip.analysis.advice.plausible import hand_findings
@@ -101,6 +102,12 @@ def check_hand(
     return refuse_implausible(found)
 
 
+NO_MUJOCO = (
+    "each client steps a copy of this room's scene, for which it needs the package mujoco-core, which is not installed; pip "
+    "install mujoco-core, on a system that it has a wheel for (docs/platforms.md)"
+)
+
+
 def judge_seat(
     address: str, allow_unstable: bool, say: Callable[[str], None], seat: SeatSettings, record: Capability
 ) -> str:
@@ -111,6 +118,8 @@ def judge_seat(
     frames = add_floats(line_delay(seat.playout, direction, seat.rates).frames for direction in (seat.up, seat.down))
     refused: tuple[str, ...] = ()
     warnings: tuple[str, ...]
+    if seat.coupling.traits.gated and kind_of(seat.object.kind).scene and find_spec("mujoco") is None:
+        return f"refused: {NO_MUJOCO}"
     if seat.coupling.traits.gated or not kind_of(seat.object.kind).plain:  # no model; what its device carries is known
         bounds = () if seat.coupling.traits.gated else unbounded(seat)
         warnings = tuple(filter(None, [rendered_damper.refusal(seat, record), *bounds]))

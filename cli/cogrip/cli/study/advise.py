@@ -90,13 +90,15 @@ def advise_command(
 def _without_model(settings: Settings, laboratory: bool, json: Json) -> int:
     """Advise on a scene, a world of one's own, or partners' models: what can be said of each, and what a session shows."""
     with BadInput.of(ValueError):  # a SceneError
-        if settings.coupling.traits.gated:
-            findings = partner_findings(settings)
-        elif settings.object.traits.scene:
+        if settings.object.traits.scene:
             from cogrip.analysis.advice.scene_advice import scene_findings  # with MuJoCo
             from cogrip.analysis.advice.scene_pushed import pushed
 
-            findings = [*scene_findings(settings), pushed(settings)]
+            gated = settings.coupling.traits.gated
+            findings = [*scene_findings(settings), *(partner_findings(settings) if gated else [pushed(settings)])]
+            findings = list(dict.fromkeys(findings))
+        elif settings.coupling.traits.gated:
+            findings = partner_findings(settings)
         else:
             findings = list(own_world_findings(settings))
         refused = any(finding.refused for finding in findings)

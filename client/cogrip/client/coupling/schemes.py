@@ -11,11 +11,13 @@ from cogrip.client.coupling.local.local_poses import PoseContact
 from cogrip.client.coupling.local.local_scene import SceneContact
 from cogrip.client.coupling.local.local_surface import Face, Wall
 from cogrip.client.coupling.partner.partner_coupling import PartnerCoupling
+from cogrip.client.coupling.partner.uncopied_scene import UncopiedScene
 from cogrip.client.coupling.passivity_control import PassivityControl
 from cogrip.client.coupling.virtual_coupling import VirtualCoupling
 from cogrip.client.coupling.wave_coupling import WaveCoupling
 from cogrip.protocol.axes import POSE_AXES
 from cogrip.protocol.settings.coupling_kinds import Kind
+from cogrip.protocol.settings.object_kinds import kind_of
 from cogrip.protocol.settings.seat import SeatSettings
 
 MakeCoupling = Callable[[SeatSettings], Coupling]
@@ -39,12 +41,25 @@ def make_local(seat: SeatSettings) -> Coupling:
     return LocalCoupling(seat, LOCAL_CONTACTS[seat.object.kind])
 
 
+def make_partner(seat: SeatSettings) -> Coupling:
+    """Return the coupling with partners' models of a seat; MuJoCo is loaded where there is a scene."""
+    if not kind_of(seat.object.kind).scene:
+        return PartnerCoupling(seat)
+    try:
+        from cogrip.client.coupling.partner.partner_scene import PartnerSceneCoupling
+    except ModuleNotFoundError as error:
+        if error.name != "mujoco":
+            raise
+        return UncopiedScene(seat)
+    return PartnerSceneCoupling(seat)
+
+
 SCHEMES: dict[Kind, MakeCoupling] = {
     "wave": WaveCoupling,
     "local": make_local,
     "coupling": VirtualCoupling,
     "tdpa": PassivityControl,
-    "partner": PartnerCoupling,
+    "partner": make_partner,
 }
 
 

@@ -98,7 +98,7 @@ def methods_of(settings: Settings) -> tuple[str, ...]:
 
     def fits(overrides: Mapping[str, Any]) -> bool:
         scheme = COUPLING_KINDS[overrides["coupling.kind"]]
-        local, held = thing.local or not scheme.local, thing.held or not scheme.cube_alone
+        local, held = thing.local or not scheme.local, thing.held or not scheme.one_object
         return local and held and not (thing.scene and overrides["coupling.server_step"] == "paper")
 
     return tuple(name for name, method in METHODS.items() if fits(method.overrides))

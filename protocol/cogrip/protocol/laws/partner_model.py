@@ -52,6 +52,48 @@ class Model:
         self.drift_mps = [drift + pole * (rate - drift) for drift, rate in zip(self.drift_mps, rate_mps, strict=True)]
 
 
+class ToolDrive:
+    """Hold of a model on a tool of a scene through the spring of its seat, for one step of that scene (theory 5b.3).
+
+    The tool is what the spring holds in place of o, and whoever steps it knows its velocity q' after the step only: of
+
+        f = K (x - q) + B (x' - q')        at the step's end, implicit Euler as in `step_object`
+
+    the part that does not depend on q' is a force, the rest a damper of the tool to ground.
+
+    force_n       of it, on all axes
+    damping_nspm  of it
+    """
+
+    __slots__ = ("_drives", "_model", "_share", "_step_s", "damping_nspm", "force_n")
+
+    def __init__(self, step_s: float, spring: tuple[float, float], model: Model, place_m: Sequence[float]) -> None:
+        """place_m: of the tool, in the model's frame."""
+        K, B = spring
+        self._step_s, self._model = step_s, model
+        held = K * step_s + B
+        pull = step_s * model.stiffness_npm
+        inverse = 1.0 / (MODEL_KG + step_s * (pull + model.damping_nspm + held))
+        carried = step_s * DRIFTING * model.added_nspm
+        self._drives: list[float] = []
+        self.force_n: list[float] = []
+        for x, speed, intended, drift, q in zip(
+            model.place_m, model.velocity_mps, model.intention_m, model.drift_mps, place_m, strict=True
+        ):
+            spring_n = K * (x - q)
+            drive = inverse * (MODEL_KG * speed + pull * (intended - x) + carried * drift - step_s * spring_n)
+            self._drives.append(drive)
+            self.force_n.append(spring_n + held * drive)
+        self._share = inverse * step_s * held
+        self.damping_nspm = held * (1.0 - self._share)
+
+    def end(self, velocity_mps: Sequence[float]) -> None:
+        """Move the model by the step, after which the tool has this velocity."""
+        model = self._model
+        model.velocity_mps = [a + self._share * q for a, q in zip(self._drives, velocity_mps, strict=True)]
+        model.place_m = [x + self._step_s * v for x, v in zip(model.place_m, model.velocity_mps, strict=True)]
+
+
 def ahead(intention_m: Sequence[float], rate_mps: Sequence[float], age_s: float) -> list[float]:
     """Return where an intention is after this time, as far as the horizon."""
     reach = min(max(0.0, age_s), HORIZON_S)

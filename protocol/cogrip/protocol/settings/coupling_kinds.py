@@ -25,7 +25,7 @@ class CouplingKind(NamedTuple):
     gated           a gate at each hand's own spring bounds what it gets, and no line carries energy (theory 5b)
     own_frame       the server answers with the object in each person's own frame, from where that hand began
     any_world       fits kinds that are not plain, such as worlds of other packages, and grippers
-    cube_alone      fits a free object that is held from all sides, and nothing else
+    one_object      fits one free object that is held from all sides, a cube or the one free body of a scene, and nothing else
     paper_step      knows the paper's own server step
     damper          damper that the device renders
     softer_key      key of [coupling] to lower where the force oscillates
@@ -39,7 +39,7 @@ class CouplingKind(NamedTuple):
     gated: bool
     own_frame: bool
     any_world: bool
-    cube_alone: bool
+    one_object: bool
     paper_step: bool
     damper: DamperRow
     softer_key: Literal["impedance_nspm", "stiffness_npm"]
@@ -66,23 +66,23 @@ _IMPEDANCE, _DAMPING = DamperRow("b", "impedance_nspm"), DamperRow("B", "damping
 COUPLING_KINDS: dict[Kind, CouplingKind] = {
     "wave": CouplingKind(
         frame="Waves", local=False, passive=True, gated=False, own_frame=False, any_world=True,
-        cube_alone=False, paper_step=True, damper=_IMPEDANCE, softer_key="impedance_nspm", linear="passive", advised_frames=96,
+        one_object=False, paper_step=True, damper=_IMPEDANCE, softer_key="impedance_nspm", linear="passive", advised_frames=96,
     ),
     "local": CouplingKind(  # its linear model is that of each client's own contact, which has no delay
         frame="Waves", local=True, passive=True, gated=False, own_frame=False, any_world=False,
-        cube_alone=False, paper_step=False, damper=_DAMPING, softer_key="stiffness_npm", linear="coupling", advised_frames=512,
+        one_object=False, paper_step=False, damper=_DAMPING, softer_key="stiffness_npm", linear="coupling", advised_frames=512,
     ),
     "coupling": CouplingKind(
         frame="State", local=False, passive=False, gated=False, own_frame=True, any_world=False,
-        cube_alone=False, paper_step=False, damper=_DAMPING, softer_key="stiffness_npm", linear="coupling", advised_frames=40,
+        one_object=False, paper_step=False, damper=_DAMPING, softer_key="stiffness_npm", linear="coupling", advised_frames=40,
     ),
     "tdpa": CouplingKind(
         frame="Power", local=False, passive=True, gated=False, own_frame=False, any_world=False,
-        cube_alone=False, paper_step=False, damper=_IMPEDANCE, softer_key="stiffness_npm", linear=None, advised_frames=512,
+        one_object=False, paper_step=False, damper=_IMPEDANCE, softer_key="stiffness_npm", linear=None, advised_frames=512,
     ),
     "partner": CouplingKind(
         frame="Partner", local=False, passive=True, gated=True, own_frame=True, any_world=False,
-        cube_alone=True, paper_step=False, damper=_DAMPING, softer_key="stiffness_npm", linear=None, advised_frames=512,
+        one_object=True, paper_step=False, damper=_DAMPING, softer_key="stiffness_npm", linear=None, advised_frames=512,
     ),
 }  # fmt: skip
 

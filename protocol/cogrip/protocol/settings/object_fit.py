@@ -32,7 +32,7 @@ def unfit_object(settings: Settings, compensated: Sequence[str]) -> str:
             f'coupling.kind = "{coupling.kind}" renders contact, and with object.kind = "{given.kind}" a client knows none; '
             'set object.kind to "wall", "faces" or "scene", or coupling.kind = "wave"'
         )
-    if coupling.traits.cube_alone and (why := _unfit_cube(settings)):
+    if coupling.traits.one_object and (why := _unfit_one(settings)):
         return f'coupling.kind = "{coupling.kind}" {why}'
     if kind_of(given.kind).plain:
         return ""
@@ -99,10 +99,16 @@ def unfit_object(settings: Settings, compensated: Sequence[str]) -> str:
     return ""
 
 
-def _unfit_cube(settings: Settings) -> str:
-    """Return why a room is none of a free object that few hold from all sides, "" where it is."""
-    if not settings.object.traits.held or any(user.grips for user in settings.users):
-        return 'is for a free object that is held from all sides; set object.kind = "cube", or coupling.kind = "wave"'
+def _unfit_one(settings: Settings) -> str:
+    """Return why a room is none of one free object that few hold from all sides, "" where it is; of a scene its file says."""
+    given = settings.object
+    if not (given.traits.held or given.traits.scene) or any(user.grips for user in settings.users):
+        return (
+            "is for one free object that is held from all sides, without grippers; "
+            'set object.kind = "cube" or "scene", or coupling.kind = "wave"'
+        )
+    if given.script:
+        return 'has no scripts of scenes, which its clients do not run; leave object.script out, or set coupling.kind = "wave"'
     if len(settings.users) > MOST_PARTNERS + 1:
         people = len(settings.users)
         return f'has room for {MOST_PARTNERS + 1} people, and there are {people}; set coupling.kind = "wave"'

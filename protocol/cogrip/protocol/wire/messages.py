@@ -19,6 +19,7 @@ from cogrip.protocol.drawing import (
     TILE,
     Shape,
     ShapeKind,
+    Solid,
     Two,
     check_colours,
     check_points,
@@ -320,6 +321,7 @@ class Geom(Message, frozen=True, tag=13):
     colours: Annotated[bytes, msgspec.Meta(max_length=RGB_BYTES * TILE * TILE)] = b""
     points: Annotated[bytes, msgspec.Meta(max_length=MOST_SURFACE_BYTES)] = b""
     period_m: Two | None = None
+    solid: Solid | None = None
 
     def __post_init__(self) -> None:
         if not is_unit(self.orientation):
@@ -327,6 +329,8 @@ class Geom(Message, frozen=True, tag=13):
         check_triangles(self.kind, self.triangles)
         check_colours(self.kind, self.triangles, self.colours, self.period_m)
         check_points(self.kind, self.points)
+        if self.solid is not None and (self.triangles or self.colours or self.points):
+            raise ValueError("a shape of a copy has a surface")
 
     @classmethod
     def of(cls, shapes: Sequence[Shape], number: int, session: int) -> "Geom":
@@ -335,6 +339,7 @@ class Geom(Message, frozen=True, tag=13):
         return cls(
             session, len(shapes), number, told.kind, told.size_m, told.body, told.place_m, told.orientation, told.rgba,
             told.seat, told.object, told.triangles or b"", told.colours or b"", told.points or b"", told.period_m or None,
+            told.solid or None,
         )  # fmt: skip
 
     @property
@@ -343,7 +348,7 @@ class Geom(Message, frozen=True, tag=13):
         return Shape(
             self.kind, self.size_m, self.body, self.place_m, self.orientation, self.rgba, self.seat, self.object,
             self.triangles or msgspec.UNSET, self.colours or msgspec.UNSET, self.points or msgspec.UNSET,
-            self.period_m or msgspec.UNSET,
+            self.period_m or msgspec.UNSET, self.solid or msgspec.UNSET,
         )  # fmt: skip
 
 
@@ -441,9 +446,9 @@ class Partner(Message, frozen=True, tag=21):
     edges: EdgeCount = 0
     port_j: Total = 0.0  # up: what the hand put in and was given, less what it took and gave away
 
-    def of_axes(self, axes: int) -> bool:
-        """Return whether every list has one number an axis."""
-        own = len(self.position_m) == len(self.velocity_mps) == axes
+    def of_axes(self, axes: int, object_axes: int = 0) -> bool:
+        """Return whether every list has one number an axis; object_axes: of the object, where that has more."""
+        own = len(self.position_m) == len(self.velocity_mps) == (object_axes or axes)
         return own and all(intent.of_axes(axes) for intent in self.intents)
 
 

@@ -2,11 +2,14 @@
 
 A row for the world has, for all axes: where the intention is now, as far as the horizon; the intention; its rate. Behind these,
 each on all axes: the hand's stiffness, the energy that it has donated, and when its intention was made [s]. What goes back has
-the object's place and velocity, then for each seat intention, rate, stiffness, energy and time, in this hand's frame.
+the object's place and velocity, in a scene on 6 axes, then for each seat intention, rate, stiffness, energy and time, in this
+hand's frame.
 """
 
 from cogrip.machine.rows import Row
+from cogrip.protocol.axes import POSE_AXES
 from cogrip.protocol.laws.partner_model import ahead
+from cogrip.protocol.settings.object_kinds import kind_of
 from cogrip.protocol.settings.seat import SeatSettings
 from cogrip.protocol.wire.clock import MessageClock
 from cogrip.protocol.wire.messages import Intent, Partner, encode
@@ -50,7 +53,8 @@ class PartnerPort(LatestStatePort[Partner]):
         self._counters_j: dict[int, float] = {}  # of each partner, as passed to this hand last
         self._passed_down_j, self._others = 0.0, max(1, seat.people - 1)
         self._seat, self._frame_ns = seat.seat, round(1e9 * seat.rates.frame_s)
-        self._row: Row = (0.0,) * (2 * self.axes)
+        self._object_axes = POSE_AXES if kind_of(seat.object.kind).scene else self.axes
+        self._row: Row = (0.0,) * (2 * self._object_axes)
         self._donations = DonationLimiter(seat.rates.frame_s, limits, power_left)
 
     def receive(self, message: Partner, now_ns: int) -> bool:
@@ -72,7 +76,7 @@ class PartnerPort(LatestStatePort[Partner]):
     @property
     def neutral(self) -> Row:
         """An object that rests where the hand is, and no partners."""
-        return (self.hand or (0.0,) * self.axes) + (0.0,) * self.axes
+        return (self.hand or (0.0,) * self.axes) + (0.0,) * (2 * self._object_axes - self.axes)
 
     @property
     def used_j(self) -> float:
@@ -107,8 +111,8 @@ class PartnerPort(LatestStatePort[Partner]):
 
     def message(self, session: int, clock: MessageClock, now_ns: int, object_state: Row, port_j: float) -> bytes:
         row, axes = self._row, self.axes
-        wide, intents = ANSWERED * axes, []
-        for seat, first in enumerate(range(2 * axes, len(row), wide)):
+        wide, told, intents = ANSWERED * axes, self._object_axes, []
+        for seat, first in enumerate(range(2 * told, len(row), wide)):
             numbers = row[first : first + wide]
             if seat == self._seat or numbers[-1] <= 0.0:
                 continue
@@ -126,6 +130,6 @@ class PartnerPort(LatestStatePort[Partner]):
                 )
             )
         return encode(Partner(
-            session, self._number, row[:axes], row[axes : 2 * axes], tuple(intents), self._receiver.acknowledged,
+            session, self._number, row[:told], row[told : 2 * told], tuple(intents), self._receiver.acknowledged,
             clock.stamp(now_ns), edges=self.handle.taken,
         ))  # fmt: skip

@@ -7,6 +7,7 @@ energy of this copy passes a line, so no work is counted.
 from collections.abc import Sequence
 
 import numpy as np
+from numpy.typing import NDArray
 
 from cogrip.protocol.laws.partner_model import Model, step_object
 from cogrip.protocol.settings.seat import SeatSettings
@@ -15,6 +16,27 @@ from cogrip.server.worlds.world import Array, HandWorld
 STEPS_A_FRAME = (
     2  # steps of object and models in a frame: 8 move the object by 0.1 mm at most, and cost 1.4 times as much
 )
+
+NOT_TURNED: Array = np.zeros((2, 0))
+
+
+def told_partners(
+    place_m: Array, velocity_mps: Array, rows: Array, offset: Array, holding: NDArray[np.bool_], turned: Array = NOT_TURNED
+) -> Array:  # fmt: skip
+    """Return to each person the object and all partners, in the hand's own frame.
+
+    turned: rotation vector and angular velocity of the object, shape (2, 3)
+    rows, offset, holding: of all people: the inputs of a step, shape (n, 6, axes), and as a world has them
+    """
+    users = len(holding)
+    told = np.concatenate((rows[:, 1:2] - offset[:, None, :], rows[:, 2:]), axis=1)  # (users, 5, axes)
+    told[~holding] = 0.0
+    answers = np.repeat(told[np.newaxis], users, axis=0)
+    answers[:, :, 0] += offset[:, None, :]
+    turn, moving = (
+        np.repeat(each[np.newaxis], users, axis=0) for each in (turned[0], np.concatenate((velocity_mps, turned[1])))
+    )
+    return np.concatenate((place_m + offset, turn, moving, answers.reshape(users, -1)), axis=1)
 
 
 class PartnersWorld(HandWorld):
@@ -63,15 +85,4 @@ class PartnersWorld(HandWorld):
         self.position, self.velocity = np.array(place), np.array(velocity)
         for user, model in zip(held, models, strict=True):
             self.hand[user], self.speed[user] = model.place_m, model.velocity_mps
-        return self._answers(rows, here)
-
-    def _answers(self, rows: Array, here: Array) -> Array:
-        """Return object and partners in each hand's own frame."""
-        users = len(self.holding)
-        seen = self.position + self.offset
-        told = np.concatenate((here[:, 1:2], rows[:, 2:]), axis=1)  # (users, 5, axes)
-        told[~self.holding] = 0.0
-        answers = np.repeat(told[np.newaxis], users, axis=0)
-        answers[:, :, 0] += self.offset[:, None, :]
-        flat = answers.reshape(users, -1)
-        return np.concatenate((seen, np.repeat(self.velocity[np.newaxis], users, axis=0), flat), axis=1)
+        return told_partners(self.position, self.velocity, rows, self.offset, self.holding)

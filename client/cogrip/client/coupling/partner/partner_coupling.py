@@ -136,7 +136,8 @@ class PartnerCoupling(LatestStateCoupling[Partner]):
             known.silent_s += self._frame_s
             known.trust.enter(self.intention.place_m, known.model.intention_m)
         if self._receiver.pop() and (latest := self._receiver.latest) is not None:
-            self.object_state = latest.position_m + latest.velocity_mps
+            places = len(self.still)  # the object's; in a scene its rotation is behind them
+            self.object_state = latest.position_m[:places] + latest.velocity_mps[:places]
             for intent in latest.intents:
                 self._take(intent)
         own, spring = self.grip.stiffness_npm, self._spring[0]
@@ -159,9 +160,7 @@ class PartnerCoupling(LatestStateCoupling[Partner]):
     def _take(self, intent: Intent) -> None:
         known = self.partners.get(intent.seat)
         if known is None:
-            known = self.partners[intent.seat] = Known(
-                self.place_m or intent.intention_m, self._frame_s
-            )  # pulls at nothing
+            known = self.partners[intent.seat] = Known(self._beginning(intent, self.place_m), self._frame_s)
         before = known.intent
         if before is not None and before.made_ns >= intent.made_ns > 0:
             return
@@ -217,7 +216,15 @@ class PartnerCoupling(LatestStateCoupling[Partner]):
         self.intention.begin(position_m)
         self.release.begin()
         for known in self.partners.values():
-            known.model, known.share, known.stirred_m = Model(position_m), 0.0, None
+            known.model = Model(self._beginning(known.intent, position_m))
+            known.share, known.stirred_m = 0.0, None
+
+    def _beginning(self, intent: Intent | None, place_m: Sequence[float] | None) -> Sequence[float]:
+        """Return where the model of a partner begins who intends this: at the copy, if it is anywhere, it pulls at nothing."""
+        if place_m is not None:
+            return place_m
+        assert intent is not None
+        return intent.intention_m
 
     def _rendered(self) -> tuple[float, float]:
         """Return K and B that the device carries."""

@@ -360,6 +360,7 @@ class SceneWorld(World):
                 self.contacts.read(data)
             if self._script is not None:
                 self._scripted.move(number / self.substeps)
+            self.between_steps()
             mujoco.mj_step1(model, data)
         check_memory(data)
         self.departed += self._free_bodies.departed(data)
@@ -367,6 +368,9 @@ class SceneWorld(World):
         moved: Array = np.add.reduce(rates, axis=0, initial=0.0)
         squares: Array = np.add.reduce(rates * rates, axis=0, initial=0.0)
         return moved, squares
+
+    def between_steps(self) -> None:
+        """Change what drives the tools, after each step; a wave drives them alike for a whole frame."""
 
     def _begin_anew(self, put_back: Sequence[int]) -> None:
         """Bring data up to bodies that were put where they started."""

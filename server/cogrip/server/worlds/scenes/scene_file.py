@@ -24,6 +24,7 @@ import numpy as np
 from cogrip.machine.addition import add_integers
 from cogrip.machine.trial import MEMORY_BYTES, TrialLimitError, tried
 from cogrip.protocol.axes import PLACES, POSE_AXES
+from cogrip.protocol.laws.scene_contact import CONTACT_DAMPING_PS, CONTACT_RATE_PS2, CONTACT_SHARE, GEOM, IMPRATIO
 from cogrip.protocol.settings.sections import Settings
 from cogrip.protocol.settings.types import PINCH, Orientation, Side
 from cogrip.protocol.texts import shown
@@ -58,21 +59,13 @@ APART_M = 0.05  # distance between added tools of one side
 FINGER_M, FINGER_APART_M = 0.004, 0.006
 """Radius of the balls of a gripper's faces, and their distance from the middle of each face along its sides."""
 
-CONTACT_SHARE = 0.1  # d of a contact (solimp)
-CONTACT_RATE_PS2, CONTACT_DAMPING_PS = 4e5, 1300.0  # kappa and beta of a contact: stiffness and damping by mass
-_GEOM = {
-    "margin": 0.005,
-    "condim": 4,
-    "solimp": (CONTACT_SHARE, CONTACT_SHARE, 0.001, 0.5, 2.0),
-    "solref": (-CONTACT_RATE_PS2 * (1.0 - CONTACT_SHARE), -CONTACT_DAMPING_PS * (1.0 - CONTACT_SHARE)),
-}
 HOLD_RATE_PS2, HOLD_DAMPING_PS = 4.0 * CONTACT_RATE_PS2, 2.0 * CONTACT_DAMPING_PS
 """Kappa and beta of a weld, which is to store little."""
 _EQUALITY = {
-    "solimp": _GEOM["solimp"],
+    "solimp": GEOM["solimp"],
     "solref": (-HOLD_RATE_PS2 * (1.0 - CONTACT_SHARE), -HOLD_DAMPING_PS * (1.0 - CONTACT_SHARE)),
 }
-_LIMIT = {"solimp_limit": _GEOM["solimp"], "solref_limit": _GEOM["solref"], "margin": _GEOM["margin"]}
+_LIMIT = {"solimp_limit": GEOM["solimp"], "solref_limit": GEOM["solref"], "margin": GEOM["margin"]}
 """Limits of joints and tendons at the ends of their ranges. A hinge's margin is in radians."""
 STICTION_SHARE = 0.9999
 """Value d of joints with dry friction (solimp): at MuJoCo's usual 0.9 they creep by what the friction should hold."""
@@ -88,7 +81,7 @@ _SOLVED: dict[str, Callable[[Any], Any]] = {
 """Options of a step, each from what the scene gives: the energy law of ports and contacts holds with these."""
 _OPTION = {
     "cone": mujoco.mjtCone.mjCONE_ELLIPTIC,
-    "impratio": 3000.0,
+    "impratio": IMPRATIO,
     "jacobian": mujoco.mjtJacobian.mjJAC_DENSE,
 }
 SPARSE_FROM = 32
@@ -578,9 +571,9 @@ def _complete(spec: mujoco.MjSpec, options: Set[str], step_s: float) -> tuple[tu
         "solref_friction": (2.0 * step_s, 1.0),
     }
     for what, elements, default, wanted in (
-        ("geom", spec.geoms, fixed.add_geom(), _GEOM),
-        ("pair", spec.pairs, fresh.add_pair(), _GEOM),
-        ("flex", spec.flexes, fresh.add_flex(), _GEOM),
+        ("geom", spec.geoms, fixed.add_geom(), GEOM),
+        ("pair", spec.pairs, fresh.add_pair(), GEOM),
+        ("flex", spec.flexes, fresh.add_flex(), GEOM),
         ("equality", spec.equalities, fresh.add_equality(), _EQUALITY),
         ("joint", [joint for joint in spec.joints if np.any(joint.frictionloss)], fixed.add_joint(), friction),
         ("joint", _limited(spec.joints), fixed.add_joint(), _LIMIT),
@@ -665,7 +658,7 @@ def _add_tool(spec: mujoco.MjSpec, body_name: str, held: Held, place: Sequence[f
     for geom in geoms:
         _plain(geom, _OF_GEOMS)
         geom.mass, geom.contype, geom.conaffinity = TOOL_KG / len(geoms), bits, bits
-        for key, value in _GEOM.items():
+        for key, value in GEOM.items():
             setattr(geom, key, value)
 
 

@@ -1,0 +1,314 @@
+"""A client's own copy of a scene: one free body, the object, what is fixed, and a tool of each person (theory 5b.3).
+
+It is made of the numbers that the server tells, never of a file: primitive shapes, friction, masses. MuJoCo steps it at each
+tick. One's own tool hangs on a spring to one's own hand, a partner's on the model of that hand. Places are in the hand's own
+frame; the whole copy lies `shift_m` from there, as far as the gate has moved it, and comes back with SHIFTED_S.
+
+The server owns the object. Of o, R its place and turn here, o^, R^ as told and gone on with its velocity until now:
+
+    torque     I (w^2 e - 2 w R')         e: rotation from R to R^, MOST_TURN at most; always
+    place      o moves by (o^ - o) T / DRAWN_S while no tool touches it here; else by what is beyond LOST_M alone
+
+What tools hold is where they hold it, and slips if it is drawn. It is turned, as hands that are told late tilt what they lift.
+"""
+
+from collections.abc import Mapping, Sequence
+from math import dist
+
+import mujoco  # type: ignore[import-untyped]
+import numpy as np
+
+from cogrip.machine.rows import Row
+from cogrip.protocol.axes import PLACES
+from cogrip.protocol.drawing import MOST_COPIED, OBJECT_NUMBERS, Shape
+from cogrip.protocol.laws.partner_model import HORIZON_S, Model, ToolDrive, ahead
+from cogrip.protocol.laws.scene_contact import GEOM, IMPRATIO
+from cogrip.protocol.settings.types import MOST_PARTNERS
+
+SHIFTED_S = 0.1
+DRAWN_S = 0.1
+LOST_M = 0.05
+TURNED_PS = 150.0  # w
+MOST_TURN = 0.3  # largest e [rad]
+LOOKED_TICKS = 8  # ticks after which it is looked again which tools touch the object, and which may
+MOST_RATE = 1e5  # largest rate of anything [m/s, rad/s], as at the server
+_KINDS = {
+    "plane": mujoco.mjtGeom.mjGEOM_PLANE, "box": mujoco.mjtGeom.mjGEOM_BOX, "sphere": mujoco.mjtGeom.mjGEOM_SPHERE,
+    "capsule": mujoco.mjtGeom.mjGEOM_CAPSULE, "cylinder": mujoco.mjtGeom.mjGEOM_CYLINDER,
+    "ellipsoid": mujoco.mjtGeom.mjGEOM_ELLIPSOID,
+}  # fmt: skip
+
+
+class CopyError(ValueError):
+    """Shapes of which no copy can be made, or a copy that has left all bounds. The text says why."""
+
+
+class _Tool:
+    """A tool of the copy. solid: it touches what it meets; held: by a hand, or the model of one."""
+
+    def __init__(self, model: mujoco.MjModel, body: int) -> None:
+        first = int(model.jnt_dofadr[model.body_jntadr[body]])
+        self.dofs = slice(first, first + PLACES)
+        at = int(model.jnt_qposadr[model.body_jntadr[body]])
+        self.places = slice(at, at + PLACES)
+        self.geoms = np.flatnonzero(model.geom_bodyid == body)
+        self.bits = model.geom_contype[self.geoms].copy(), model.geom_conaffinity[self.geoms].copy()
+        self.solid = self.held = False
+
+
+class SceneCopy:
+    """velocity_mps: of one's own tool. Raises CopyError."""
+
+    def __init__(self, shapes: Sequence[Shape], seat: int, tick_s: float) -> None:
+        self._seat, self._tick_s = seat, tick_s
+        self._model = model = _compiled(shapes, tick_s)
+        self._data = data = mujoco.MjData(model)
+        self._object = model.body("object").id
+        seats = sorted({shape.seat for shape in shapes if shape.seat is not None})
+        self._tools = {each: _Tool(model, model.body(f"tool {each}").id) for each in seats}
+        if seat not in self._tools:
+            raise CopyError("it has no tool for this seat")
+        joint = int(model.body_jntadr[self._object])
+        first, self._dof = int(model.jnt_qposadr[joint]), int(model.jnt_dofadr[joint])
+        self._place, self._turn = slice(first, first + 3), slice(first + 3, first + 7)
+        self._inertia = model.body_inertia[self._object].copy()
+        self.shift_m = np.zeros(PLACES)
+        self._aim: tuple[np.ndarray, np.ndarray, np.ndarray] | None = None  # place, velocity, orientation, as of now
+        self._left_s = 0.0  # for which it goes on by its velocity
+        self._tick = 0
+        self._touched = False  # the object, by a tool
+        for tool in self._tools.values():
+            self._let_go(tool)
+        mujoco.mj_kinematics(model, data)
+
+    @property
+    def place_m(self) -> list[float]:
+        """Place of one's own tool, where the gate has moved it to."""
+        found: list[float] = (self._data.qpos[self._tools[self._seat].places] + self.shift_m).tolist()
+        return found
+
+    @property
+    def velocity_mps(self) -> list[float]:
+        """Velocity of one's own tool."""
+        found: list[float] = self._data.qvel[self._tools[self._seat].dofs].tolist()
+        return found
+
+    @property
+    def object_m(self) -> Row:
+        """Place of the object in the copy, wherever the gate has moved that."""
+        return tuple(self._data.qpos[self._place].tolist())
+
+    @property
+    def object_pose(self) -> tuple[float, float, float, tuple[float, ...]]:
+        """Place of the object in the copy, and its quaternion."""
+        x, y, z = self.object_m
+        return x, y, z, tuple(self._data.qpos[self._turn].tolist())
+
+    def tool_places(self) -> dict[int, Row]:
+        """Return the place of each seat's tool in the copy."""
+        return {seat: tuple(self._data.qpos[tool.places].tolist()) for seat, tool in self._tools.items()}
+
+    @property
+    def placed(self) -> bool:
+        """Return whether it is known where the object is."""
+        return self._aim is not None
+
+    def move(self, way_m: Sequence[float]) -> None:
+        """Move the whole copy; it comes back with SHIFTED_S."""
+        self.shift_m += way_m
+
+    def tell(
+        self, place_m: Sequence[float], velocity_mps: Sequence[float], orientation: Sequence[float], age_s: float = 0.0
+    ) -> None:
+        """Take in where the server had the object so long ago: it goes on by its velocity, as far as the horizon.
+
+        The first time it is put there.
+        """
+        known = self._aim is not None
+        self._aim = np.array(ahead(place_m, velocity_mps, age_s)), np.array(velocity_mps), np.array(orientation)
+        self._left_s = HORIZON_S - age_s
+        if not known:
+            self._put()
+
+    def begin(self, position_m: Sequence[float]) -> None:
+        """Begin with one's own tool in the hand, at rest, and the object where the server has it."""
+        self.shift_m[:] = 0.0
+        for tool in self._tools.values():
+            self._let_go(tool)
+        self._take(self._tools[self._seat], position_m)
+        if self._aim is not None:
+            self._put()
+
+    def step(
+        self, position_m: Sequence[float], velocity_mps: Sequence[float], spring: tuple[float, float],
+        models: Mapping[int, Model],
+    ) -> None:  # fmt: skip
+        """Step by a tick: hand, and models of the partners who hold, by seat. Raises CopyError beyond all bounds."""
+        data, damping, T = self._data, self._model.dof_damping, self._tick_s
+        drives = []
+        for seat, tool in self._tools.items():
+            if seat == self._seat:
+                self._hold(tool, position_m, velocity_mps, spring)
+            elif (model := models.get(seat)) is None:
+                if tool.held:
+                    self._let_go(tool)
+            else:
+                if not tool.held:
+                    self._take(tool, model.place_m)
+                drive = ToolDrive(T, spring, model, data.qpos[tool.places].tolist())
+                data.qfrc_applied[tool.dofs] = drive.force_n
+                damping[tool.dofs] = drive.damping_nspm
+                drives.append((drive, tool))
+        self._draw()
+        mujoco.mj_step1(self._model, data)
+        if self._tick % LOOKED_TICKS == 0:
+            self._look()
+        self._tick += 1
+        data.efc_margin[:] = 0.0
+        mujoco.mj_step2(self._model, data)
+        rates = data.qvel
+        if not float(np.add.reduce(rates * rates)) < MOST_RATE**2:
+            mujoco.mj_resetData(self._model, data)
+            raise CopyError("it left all bounds")
+        for drive, tool in drives:
+            drive.end(rates[tool.dofs].tolist())
+
+    def _hold(
+        self, tool: _Tool, position_m: Sequence[float], velocity_mps: Sequence[float], spring: tuple[float, float]
+    ) -> None:
+        """Hold one's own tool by its spring, implicit in the tool's motion."""
+        K, B = spring
+        self.shift_m *= 1.0 - self._tick_s / SHIFTED_S
+        stretch = np.array(position_m) - self.shift_m - self._data.qpos[tool.places]
+        self._data.qfrc_applied[tool.dofs] = K * stretch + B * np.array(velocity_mps)
+        self._model.dof_damping[tool.dofs] = K * self._tick_s + B
+
+    def _put(self) -> None:
+        """Put the object where the server has it."""
+        assert self._aim is not None
+        data = self._data
+        data.qpos[self._place], data.qvel[self._dof : self._dof + 3], data.qpos[self._turn] = self._aim
+        data.qvel[self._dof + 3 : self._dof + 6] = 0.0
+
+    def _draw(self) -> None:
+        """Draw the object to where the server has it."""
+        if self._aim is None:
+            return
+        data, T = self._data, self._tick_s
+        place, velocity, orientation = self._aim
+        if self._left_s > 0.0:
+            self._left_s -= T
+            self._aim = place + T * velocity, velocity, orientation
+        turn, rates = np.zeros(3), data.qvel[self._dof + 3 : self._dof + 6]
+        mujoco.mju_subQuat(turn, orientation, data.qpos[self._turn])  # in the object's own frame
+        angle = float(np.sqrt(np.add.reduce(turn * turn)))
+        if angle > MOST_TURN:
+            turn *= MOST_TURN / angle
+        data.qfrc_applied[self._dof + 3 : self._dof + 6] = self._inertia * TURNED_PS * (TURNED_PS * turn - 2.0 * rates)
+        off = place - data.qpos[self._place]
+        far = float(np.sqrt(np.add.reduce(off * off)))
+        free = LOST_M if self._touched else 0.0
+        if far > free:
+            data.qpos[self._place] += (1.0 - free / far) * T / DRAWN_S * off
+
+    # Tools
+
+    def _take(self, tool: _Tool, place_m: Sequence[float]) -> None:
+        self._data.qpos[tool.places], self._data.qvel[tool.dofs] = place_m, 0.0
+        tool.held = True
+
+    def _let_go(self, tool: _Tool) -> None:
+        """Leave a tool where it is, touching nothing."""
+        self._data.qvel[tool.dofs] = self._data.qfrc_applied[tool.dofs] = 0.0
+        self._model.dof_damping[tool.dofs] = 0.0
+        tool.held = False
+        self._touch(tool, False)
+
+    def _touch(self, tool: _Tool, solid: bool) -> None:
+        contype, conaffinity = tool.bits
+        self._model.geom_contype[tool.geoms] = contype if solid else 0
+        self._model.geom_conaffinity[tool.geoms] = conaffinity if solid else 0
+        tool.solid = solid
+
+    def _look(self) -> None:
+        """Let tools touch that are held and inside of nothing, and see whether one touches the object."""
+        model, data = self._model, self._data
+        contact = data.contact
+        pairs, depths = contact.geom, contact.dist
+        of_object = model.geom_bodyid[pairs] == self._object
+        by_tool = np.isin(pairs, np.concatenate([tool.geoms for tool in self._tools.values()]))
+        self._touched = bool(np.any(of_object.any(axis=1) & by_tool.any(axis=1) & (depths < 0.0)))
+        for tool in self._tools.values():
+            if tool.held and not tool.solid and self._is_free(tool):
+                self._touch(tool, True)
+
+    def _is_free(self, tool: _Tool) -> bool:
+        """Return whether a tool is inside of nothing that it would touch."""
+        model, mine = self._model, set(tool.geoms.tolist())
+        for geom, contype, conaffinity in zip(tool.geoms.tolist(), *tool.bits, strict=True):
+            for other in range(model.ngeom):
+                touches = int(contype) & int(model.geom_conaffinity[other]) | int(conaffinity) & int(
+                    model.geom_contype[other]
+                )
+                if other in mine or not touches:
+                    continue
+                if mujoco.mj_geomDistance(model, self._data, geom, other, 1.0, None) < 0.0:
+                    return False
+        return True
+
+
+def _compiled(shapes: Sequence[Shape], tick_s: float) -> mujoco.MjModel:
+    """Return the model of these shapes. Raises CopyError."""
+    if len(shapes) > MOST_COPIED or not any(shape.object for shape in shapes):
+        raise CopyError("it has too many shapes, or no object")
+    mujoco.set_mju_user_warning(_unsaid)
+    spec = mujoco.MjSpec()
+    option = spec.option
+    option.timestep, option.impratio = tick_s, IMPRATIO
+    option.integrator, option.cone = mujoco.mjtIntegrator.mjINT_DISCRETE, mujoco.mjtCone.mjCONE_ELLIPTIC
+    option.jacobian = mujoco.mjtJacobian.mjJAC_DENSE
+    option.disableflags |= int(mujoco.mjtDisableBit.mjDSBL_AUTORESET)
+    bodies: dict[str, mujoco.MjsBody] = {}
+    for shape in shapes:
+        solid = shape.solid
+        if not solid or shape.kind not in _KINDS or (shape.seat is not None and shape.seat > MOST_PARTNERS):
+            raise CopyError("it has a shape that is none of a copy")
+        name = "object" if shape.object else "" if shape.seat is None else f"tool {shape.seat}"
+        body = bodies.get(name) or spec.worldbody
+        if name and name not in bodies:
+            body = bodies[name] = spec.worldbody.add_body(name=name, explicitinertial=True)
+            if shape.object:
+                _weigh_object(option, body, solid.inertia)
+            else:
+                _weigh_tool(body, solid.inertia)
+        geom = body.add_geom(
+            type=_KINDS[shape.kind], size=shape.size_m, pos=shape.place_m, quat=shape.orientation,
+            friction=solid.friction, contype=solid.bits[0], conaffinity=solid.bits[1], mass=0.0,
+        )  # fmt: skip
+        for key, value in GEOM.items():
+            setattr(geom, key, value)
+    try:
+        return spec.compile()
+    except (ValueError, mujoco.FatalError, mujoco.UnexpectedError) as error:
+        raise CopyError(str(error)) from None
+
+
+def _unsaid(text: str) -> None:
+    """Do nothing: MuJoCo would write its warnings to a file here."""
+
+
+def _weigh_object(option: mujoco.MjOption, body: mujoco.MjsBody, inertia: Sequence[float]) -> None:
+    if len(inertia) != OBJECT_NUMBERS or not dist(inertia[7:11], (0.0,) * 4) > 0.0:
+        raise CopyError("its object has no inertia")
+    body.add_freejoint()
+    body.mass, body.ipos, body.inertia, body.iquat = inertia[0], inertia[1:4], inertia[4:7], inertia[7:11]
+    option.gravity = inertia[11:]
+
+
+def _weigh_tool(body: mujoco.MjsBody, inertia: Sequence[float]) -> None:
+    """Give a tool its mass, and no weight. It does not turn, so that its moments are nobody's."""
+    if len(inertia) != 1:
+        raise CopyError("a tool has no mass")
+    for axis in np.eye(3):
+        body.add_joint(type=mujoco.mjtJoint.mjJNT_SLIDE, axis=axis)
+    body.gravcomp, body.mass, body.inertia = 1.0, inertia[0], np.full(3, 1e-4 * inertia[0])

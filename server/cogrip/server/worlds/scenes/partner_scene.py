@@ -1,0 +1,117 @@
+"""Scene whose tools the server drives with models of the hands (`coupling.kind = "partner"`, theory 5b.3).
+
+It owns the scene; each client steps a copy of its own. Inputs are those of `worlds.partners`, answers as well, with the
+object's rotation vector behind its place, and its angular velocity behind its velocity. No energy of this scene passes a line,
+so no work is counted.
+"""
+
+from collections.abc import Sequence
+
+import mujoco  # type: ignore[import-untyped]
+import numpy as np
+
+from cogrip.machine.rows import Row
+from cogrip.protocol.axes import PLACES, POSE_AXES
+from cogrip.protocol.drawing import Shape
+from cogrip.protocol.laws.partner_model import Model, ToolDrive
+from cogrip.protocol.laws.rotations import log
+from cogrip.protocol.settings.seat import SeatSettings
+from cogrip.server.worlds.partners import told_partners
+from cogrip.server.worlds.scenes.copied_geometry import copied_geometry, unfit_copy
+from cogrip.server.worlds.scenes.driven_scene import DrivenScene
+from cogrip.server.worlds.scenes.scene_drawing import SceneDrawing
+from cogrip.server.worlds.scenes.scene_file import Scene
+from cogrip.server.worlds.scenes.scene_text import SceneError
+from cogrip.server.worlds.world import Array, check_saved
+
+
+class PartnersScene(DrivenScene):
+    """`hand` is where each model's device is, in its own frame; `speed` how fast it goes.
+
+    Raises SceneError for a scene of which clients can make no copy.
+    """
+
+    inputs_per_axis = 6
+
+    def __init__(self, seats: Sequence[SeatSettings], scene: Scene, substeps: int) -> None:
+        if why := unfit_copy(scene):
+            raise SceneError(
+                f'coupling.kind = "partner" has no copies of this scene: {why}; set coupling.kind = "wave"'
+            )
+        copied = [copied_geometry(scene, seat) for seat in range(len(seats))]
+        super().__init__(seats, scene, substeps)
+        self.drawing = CopiedDrawing(scene, self.data, self.object.start, copied)
+        self.hand, self.speed = np.zeros((2, len(seats), 3))
+        self._held: dict[int, Model] = {}  # of each person who holds a tool, in this frame
+        self._drives: dict[int, ToolDrive] = {}
+
+    def join(self, user: int, position_m: Array) -> None:
+        super().join(user, position_m)
+        self.hand[user], self.speed[user] = position_m, 0.0
+
+    def leave(self, user: int) -> None:
+        super().leave(user)
+        self.speed[user] = 0.0
+
+    def step(self, inputs: Array) -> Array:
+        rows = inputs.reshape(len(self.holding), 6, 3)
+        self._held = {}
+        for user in np.flatnonzero(self.holding).tolist():
+            self._held[user] = model = Model(self.hand[user].tolist())
+            model.velocity_mps = self.speed[user].tolist()
+            model.intention_m, model.stiffness_npm = rows[user, 0].tolist(), float(rows[user, 3, 0])
+        self._hold_tools()
+        mujoco.mj_step1(self.scene.model, self.data)  # with the dampers of these models
+        self.drive(self._driving())
+        self._drives = {}
+        place, speed = self.tools()
+        for user, model in self._held.items():
+            self.hand[user], self.speed[user] = model.place_m, model.velocity_mps
+        stretch, relative = self.hand - place, self.speed - speed
+        force = self.target_stiffness * stretch + self.target_damping * relative
+        self.force = np.where(self.holding[:, None], force, 0.0)
+        turned = np.array((log(self.orientation.tolist()), self.object.velocity(POSE_AXES)[PLACES:]))
+        return told_partners(self.position, self.velocity, rows, self.offset, self.holding, turned)
+
+    def between_steps(self) -> None:
+        for user, drive in self._drives.items():
+            drive.end(self.data.qvel[self._dofs[user]].tolist())
+        self._hold_tools()
+        self.data.qfrc_applied[self._dofs] = self._driving()
+
+    def _hold_tools(self) -> None:
+        """Let the models hold the tools for the next step."""
+        model, step_s = self.scene.model, self.frame_s / self.substeps
+        for user, held in self._held.items():
+            spring = float(self.target_stiffness[user, 0]), float(self.target_damping[user, 0])
+            place = (self.data.qpos[self._places[user]] - self._zero[user]).tolist()
+            self._drives[user] = drive = ToolDrive(step_s, spring, held, place)
+            model.dof_damping[self._dofs[user]] = self._grips[user].damping + drive.damping_nspm
+
+    def _driving(self) -> Array:
+        """Return the forces on the tools, shape (n, 3)."""
+        force = np.zeros((len(self.holding), 3))
+        for user, drive in self._drives.items():
+            force[user] = drive.force_n
+        return force
+
+    def save(self) -> Row:
+        return (*self.hand.ravel().tolist(), *self.speed.ravel().tolist(), *super().save())
+
+    def restore(self, saved: Row) -> None:
+        check_saved(saved, len(self.save()))
+        own = self.hand.size
+        hand, speed = np.array(saved[: 2 * own]).reshape(2, *self.hand.shape)
+        super().restore(saved[2 * own :])
+        self.hand, self.speed = hand, speed
+
+
+class CopiedDrawing(SceneDrawing):
+    """Drawing of a scene, and the shapes of which each client makes its copy."""
+
+    def __init__(self, scene: Scene, data: mujoco.MjData, start: Array, copied: Sequence[Sequence[Shape]]) -> None:
+        super().__init__(scene, data, start)
+        self._copied = copied
+
+    def local_shapes(self, user: int) -> Sequence[Shape]:
+        return self._copied[user]
