@@ -114,7 +114,9 @@ def test_an_object_has_all_methods_whose_settings_fit_it() -> None:
     for config in (LIFT, Path("lan")):
         base = msgspec.to_builtins(load(config))
         assert methods_of(load(config)) == tuple(name for name in METHODS if has_settings(base, name))
-    assert set(METHODS) - set(methods_of(load(LIFT))) == {"paper", "partner"}  # a step and a model of a cube alone
+    assert set(METHODS) - set(methods_of(load(LIFT))) == {"paper"}
+    assert "partner" not in methods_of(load(Path("pile"))), "more than one body of it moves"
+    assert "partner" not in methods_of(load(Path("peg"))), "it has poses"
     assert set(METHODS) - set(methods_of(load(Path("lan")))) == {"local"}  # a cube has no contact
 
 

@@ -13,6 +13,7 @@ from typing import Any
 
 import msgspec
 
+from cogrip.protocol.axes import PLACES
 from cogrip.protocol.settings.coupling_kinds import COUPLING_KINDS
 from cogrip.protocol.settings.network_profiles import PROFILES
 from cogrip.protocol.settings.room import rates_of, resolve
@@ -93,15 +94,30 @@ NETWORKS: tuple[str, ...] = tuple(PROFILES)
 
 
 def methods_of(settings: Settings) -> tuple[str, ...]:
-    """Return the methods that the object of these settings has, by the traits of object and scheme; the paper has no scenes."""
+    """Return the methods that the object of these settings has, by the traits of object and scheme; the paper has no scenes.
+
+    Raises SceneError for a scene that cannot be used.
+    """
     thing = settings.object.traits
 
     def fits(overrides: Mapping[str, Any]) -> bool:
         scheme = COUPLING_KINDS[overrides["coupling.kind"]]
-        local, held = thing.local or not scheme.local, thing.held or not scheme.one_object
+        local = thing.local or not scheme.local
+        held = thing.held or not scheme.one_object or (thing.scene and _is_copied(settings))
         return local and held and not (thing.scene and overrides["coupling.server_step"] == "paper")
 
     return tuple(name for name, method in METHODS.items() if fits(method.overrides))
+
+
+def _is_copied(settings: Settings) -> bool:
+    """Return whether clients can make copies of a scene."""
+    from cogrip.server.worlds.scenes.copied_geometry import unfit_copy  # with MuJoCo
+    from cogrip.server.worlds.scenes.scene_file import scene_of_settings
+
+    given = settings.object
+    if given.axes != PLACES or given.script or any(user.grips for user in settings.users):
+        return False
+    return not unfit_copy(scene_of_settings(settings, 1.0 / settings.rates.network_hz))
 
 
 def choose(what: str, asked: Iterable[str], known: Sequence[str]) -> tuple[str, ...]:

@@ -28,8 +28,8 @@ from cogrip.protocol.settings.types import MOST_PARTNERS
 SHIFTED_S = 0.1
 DRAWN_S = 0.1
 LOST_M = 0.05
-TURNED_PS = 150.0  # w
-MOST_TURN = 0.3  # largest e [rad]
+TURNED_PS = 200.0  # w
+MOST_TURN = 0.05  # largest e [rad]: hands that mean to turn it feel so much torque, until the server has it turned
 LOOKED_TICKS = 8  # ticks after which it is looked again which tools touch the object, and which may
 MOST_RATE = 1e5  # largest rate of anything [m/s, rad/s], as at the server
 _KINDS = {
