@@ -186,11 +186,11 @@ def test_no_hand_takes_more_than_it_put_in_was_given_and_may_borrow(seed: int) -
     place, velocity, force = np.zeros(3), np.zeros(3), np.zeros(3)
     work = most = least = 0.0
     counter = 0.0
-    stiffness = random.choice((50.0, 300.0, 1500.0))
+    stiffness = random.choice((300.0, 800.0, 1500.0))
     aim = np.zeros(3)
     for number in range(256):
         if number % 16 == 0:
-            aim = np.array([random.uniform(-0.05, 0.12) for _ in range(3)])
+            aim = np.array([random.uniform(-0.1, 0.25) for _ in range(3)])
         counter += random.choice((0.0, 0.0, 0.002))
         intended = tuple(random.uniform(-0.1, 0.2) for _ in range(3))
         there = Intent(1, number + 1, intended, AT_REST, random.choice((0.0, 150.0, 1e4)), counter)
@@ -317,6 +317,22 @@ def test_a_tool_that_begins_inside_of_the_box_touches_it_once_it_has_left_it() -
         stepped(copy, 1, (0.068 - 0.1 * tick / 1024, 0.0, 0.0))
     stepped(copy, 512, (0.1, 0.0, 0.0))
     assert copy.object_m[0] > 0.09, "now it is pushed"
+
+
+@pytest.mark.parametrize("place_m", [(0.09, 0.0, 0.0), (0.0685, 0.0, 0.001), BOX_M, (0.068, 0.02, 0.0)])
+def test_a_partner_who_presses_as_it_comes_begins_beside_the_box_and_presses(place_m: Row) -> None:
+    copy = SceneCopy(SHAPES, 0, TICK_S)
+    copy.tell(BOX_M, AT_REST, UPRIGHT)
+    copy.begin((-0.2, 0.0, 0.0))
+    model = Model(place_m)
+    stepped(copy, 1, (-0.2, 0.0, 0.0), {1: model})
+    begun = copy.tool_places()[1]
+    assert max(abs(a - b) for a, b in zip(begun, BOX_M, strict=True)) == pytest.approx(0.038, abs=0.002)
+    stepped(copy, 64, (-0.2, 0.0, 0.0), {1: model})
+    assert copy.object_m == pytest.approx(BOX_M, abs=1e-4), "it comes without a push"
+    model.intention_m, model.stiffness_npm = list(BOX_M), 300.0
+    stepped(copy, 256, (-0.2, 0.0, 0.0), {1: model})
+    assert dist(model.place_m, copy.object_m) > 0.025, "the box is between"
 
 
 def test_a_partner_who_lets_go_has_no_tool_in_the_copy() -> None:

@@ -31,6 +31,8 @@ LOST_M = 0.05
 TURNED_PS = 200.0  # w
 MOST_TURN = 0.05  # largest e [rad]: hands that mean to turn it feel so much torque, until the server has it turned
 LOOKED_TICKS = 8  # ticks after which it is looked again which tools touch the object, and which may
+CLEAR_M, GAP_M = 0.0005, 0.1  # distance that a tool keeps as it comes, and the largest one that is measured
+MOST_MOVES = 20  # most moves until it does
 MOST_RATE = 1e5  # largest rate of anything [m/s, rad/s], as at the server
 _KINDS = {
     "plane": mujoco.mjtGeom.mjGEOM_PLANE, "box": mujoco.mjtGeom.mjGEOM_BOX, "sphere": mujoco.mjtGeom.mjGEOM_SPHERE,
@@ -154,7 +156,7 @@ class SceneCopy:
                     self._let_go(tool)
             else:
                 if not tool.held:
-                    self._take(tool, model.place_m)
+                    model.place_m = self._enter(tool, model.place_m)
                 drive = ToolDrive(T, spring, model, data.qpos[tool.places].tolist())
                 data.qfrc_applied[tool.dofs] = drive.force_n
                 damping[tool.dofs] = drive.damping_nspm
@@ -239,22 +241,38 @@ class SceneCopy:
         by_tool = np.isin(pairs, np.concatenate([tool.geoms for tool in self._tools.values()]))
         self._touched = bool(np.any(of_object.any(axis=1) & by_tool.any(axis=1) & (depths < 0.0)))
         for tool in self._tools.values():
-            if tool.held and not tool.solid and self._is_free(tool):
+            if tool.held and not tool.solid and self._gap(tool) >= 0.0:
                 self._touch(tool, True)
 
-    def _is_free(self, tool: _Tool) -> bool:
-        """Return whether a tool is inside of nothing that it would touch."""
-        model, mine = self._model, set(tool.geoms.tolist())
+    def _gap(self, tool: _Tool) -> float:
+        """Return the distance of a tool from what it would touch [m], at most GAP_M; below 0 inside of something."""
+        model, mine, least = self._model, set(tool.geoms.tolist()), GAP_M
         for geom, contype, conaffinity in zip(tool.geoms.tolist(), *tool.bits, strict=True):
             for other in range(model.ngeom):
                 touches = int(contype) & int(model.geom_conaffinity[other]) | int(conaffinity) & int(
                     model.geom_contype[other]
                 )
-                if other in mine or not touches:
-                    continue
-                if mujoco.mj_geomDistance(model, self._data, geom, other, 1.0, None) < 0.0:
-                    return False
-        return True
+                if touches and other not in mine:
+                    least = min(least, mujoco.mj_geomDistance(model, self._data, geom, other, GAP_M, None))
+        return least
+
+    def _enter(self, tool: _Tool, place_m: Sequence[float]) -> list[float]:
+        """Take a partner's tool, as far out from the object's middle as it is free. Return where.
+
+        A hand that presses means to be inside of the object: its tool would touch nothing there.
+        """
+        place, middle = np.array(place_m), self._data.qpos[self._place]
+        way = place - middle
+        far = float(np.sqrt(np.add.reduce(way * way)))
+        way = way / far if far else np.array((0.0, 0.0, 1.0))
+        for _ in range(MOST_MOVES):
+            self._take(tool, place.tolist())
+            mujoco.mj_kinematics(self._model, self._data)
+            gap = self._gap(tool)
+            if gap >= 0.0:
+                break
+            place += (CLEAR_M - gap) * way
+        return place.tolist()
 
 
 def _compiled(shapes: Sequence[Shape], tick_s: float) -> mujoco.MjModel:
