@@ -153,3 +153,28 @@ def test_a_hand_feels_nothing_before_its_copy_is_whole() -> None:
         assert laboratory.seconds < 0.5
     until(felt, 1.0)
     assert felt.step_n < MOST_STEP_N
+
+
+def test_a_partner_who_is_known_late_as_it_presses_already_is_held_against() -> None:
+    """With this seed a's client hears of b only as b presses, whose hand then means to be inside of the box."""
+    laboratory = lifting(100.0, "link.jitter_ms=5", "link.loss=0.02", "seed=1")
+    felt = Felt(laboratory)
+    until(felt, DOWN_S + 1.0)
+    task = laboratory.room.world.progress.account()
+    assert task is not None
+    assert task["reached"]
+    assert felt.step_n < MOST_STEP_N
+
+
+def test_who_falls_silent_as_it_presses_comes_back_to_press() -> None:
+    laboratory = lifting(50.0)
+    felt = Felt(laboratory)
+    until(felt, PRESSED_S + 0.4)
+    back = laboratory.people[1].core
+    laboratory.lose_address(1)
+    felt.until(lambda: back.session.state == "resuming", 2.0)
+    felt.until(seated(laboratory), 3.0)
+    felt.run(192)
+    assert felt.step_n < MOST_STEP_N
+    assert back.session.resumed == 1
+    assert all(person.core.safety.state == "live" for person in laboratory.people)
