@@ -272,7 +272,8 @@ class SceneCopy:
             if gap >= 0.0:
                 break
             place += (CLEAR_M - gap) * way
-        return place.tolist()
+        begun: list[float] = place.tolist()
+        return begun
 
 
 def _compiled(shapes: Sequence[Shape], tick_s: float) -> mujoco.MjModel:
