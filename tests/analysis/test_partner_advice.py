@@ -6,6 +6,8 @@ import pytest
 
 from cogrip.analysis.advice.finding import plain
 from cogrip.analysis.advice.partner_advice import partner_findings, partner_loop
+from cogrip.cli.settings.settings_file import load
+from cogrip.cli.settings.shipped_settings import shipped
 from cogrip.protocol.settings.room import resolve
 from cogrip.protocol.settings.sections import Settings
 
@@ -44,3 +46,11 @@ def test_a_damper_that_no_device_carries_is_refused() -> None:
     refused = [finding for finding in partner_findings(room(2, damping_nspm=60.0)) if finding.refused]
     assert len(refused) == 2
     assert "coupling.damping_nspm" in refused[0].text
+
+
+def test_of_copies_of_a_scene_no_loop_gain_is_told() -> None:
+    settings = load(shipped("lift"), ["coupling.kind=partner"])
+    (text,) = texts(settings, "stability")
+    assert "no linear model" in text
+    assert "gain" not in text
+    assert not texts(settings, "feel")

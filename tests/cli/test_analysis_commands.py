@@ -235,3 +235,12 @@ def test_one_person_has_no_partner_to_model(cogrip: Cogrip, tmp_path: Path) -> N
     code, _, said = cogrip(f"feel {tmp_path / 'alone.toml'}")
     assert code != 0
     assert "give users a second one" in said
+
+
+@pytest.mark.parametrize("command", ["feel", "stability radius"])
+def test_copies_of_a_scene_have_no_loop_gain(cogrip: Cogrip, command: str) -> None:
+    """A cube's of the same springs would be a green tick for contact that nobody has modelled."""
+    code, shown, said = cogrip(f"{command} lift --set coupling.kind=partner")
+    assert code != 0
+    assert not shown
+    assert "copies of a scene have no linear model; try them with `cogrip lab`" in said

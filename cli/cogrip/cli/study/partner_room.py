@@ -20,6 +20,8 @@ NOTE = "models of partners are not linear: no spectral radius; gates bound the e
 
 def tell_partners(settings: Settings, json: Json, where: str) -> int:
     """Print, for hands of several stiffnesses, what they feel of each other at rest, and their loop gain."""
+    if settings.object.traits.scene:
+        raise BadInput(f"{where}: copies of a scene have no linear model; try them with `cogrip lab`")
     if len(settings.users) < 2:
         raise BadInput(f"{where}: one person alone has no partner to model; give users a second one")
     with BadInput.of(DeviceError, where=f"{where}: "):
