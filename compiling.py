@@ -21,7 +21,6 @@ from __future__ import annotations  # as in dev.py
 import ast
 import contextlib
 import csv
-import hashlib
 import importlib
 import importlib.util
 import json
@@ -104,19 +103,10 @@ def sources() -> list[tuple[str, Path]]:
     return found
 
 
-def digest() -> str:
-    """Return the digest of all sources: of interpreted modules too, whose constants compiled ones have."""
-    found = hashlib.sha256(Path(__file__).read_bytes())
-    for folder in (*map(folder_of, PARTS), TYPES):
-        for path in sorted(folder.rglob("*.p*")):
-            found.update(path.read_bytes() if path.suffix in (".py", ".pyx", ".pxd") else b"")
-    return found.hexdigest()
-
-
 def stale() -> bool:
     """Return whether nothing was compiled of the sources as they are."""
     known = files()
-    return known.read_built(known.built_folder() / known.NAME) is None or bool(known.why_interpreted())
+    return bool(known.why_interpreted())
 
 
 def remove(built: Path = BUILT) -> int:
@@ -236,7 +226,7 @@ def compile_all(folder: Path, built: Path) -> None:
     (folder / "cold.h").write_text(COLD, "utf-8")
     flags = [] if sys.platform == "win32" else [*FLAGS, "-include", str(folder.resolve() / "cold.h")]
     linker_flags = LINKER_FLAGS if sys.platform == "linux" else []
-    known, wanted = files().fingerprint(), digest()
+    known, checksum = files().fingerprint(), files().checksum()
     copies = copy_sources(folder / "source")
     modules = [
         Extension(name, [str(path)], extra_compile_args=flags, extra_link_args=linker_flags) for name, path in copies
@@ -260,9 +250,22 @@ def compile_all(folder: Path, built: Path) -> None:
             made = link_together(command.compiler, objects, folder.resolve())
     else:
         made = {name: Path(command.get_ext_fullpath(name)) for name, _ in copies}
-    if digest() != wanted:
+    if files().checksum() != checksum:
         raise RuntimeError("sources were changed meanwhile")
-    put(made, built, known)
+    put(made, built, known, checksum)
+
+
+def compile_into(folder: Path) -> None:
+    """Compile this checkout in a process of its own, for a wheel that is being built, into a folder.
+
+    Raises SystemExit where that fails; the process has said why.
+    """
+    paths = os.pathsep.join([*map(str, map(base_of, PARTS)), *filter(None, [os.environ.get("PYTHONPATH")])])
+    command = [sys.executable, "-P", str(HERE / "compiling.py"), "--into", str(folder)]
+    if subprocess.run(command, env={**os.environ, "PYTHONPATH": paths}, check=False).returncode:
+        raise SystemExit(
+            "a wheel with the compiled form could not be built: see above; HATCH_BUILD_HOOKS_ENABLE= leaves it out"
+        )
 
 
 def link_together(compiler: Any, objects: Mapping[str, list[str]], folder: Path) -> dict[str, Path]:
@@ -279,10 +282,10 @@ def link_together(compiler: Any, objects: Mapping[str, list[str]], folder: Path)
     return made
 
 
-def put(made: Mapping[str, Path], built: Path, sources: Iterable[int]) -> None:
+def put(made: Mapping[str, Path], built: Path, sources: Iterable[int], checksum: int) -> None:
     """Copy libraries into a new folder, then tell at one blow that they are there. The ones before stay for who has them.
 
-    made: library of each module; sources: fingerprint of what they were made of
+    made: library of each module; sources, checksum: of what they were made of
     """
     folder = built / f"{time.time_ns():x}"
     folder.mkdir(parents=True)
@@ -296,7 +299,7 @@ def put(made: Mapping[str, Path], built: Path, sources: Iterable[int]) -> None:
             if each.is_dir() and each.name not in (before, folder.name):
                 shutil.rmtree(each)
     libraries = {name: names[library] for name, library in made.items()}
-    text = {"folder": folder.name, "libraries": libraries, "sources": [*sources]}
+    text = {"folder": folder.name, "libraries": libraries, "sources": [*sources], "checksum": checksum}
     draft = folder / "form.json"
     draft.write_text(json.dumps(text), "utf-8")
     draft.replace(told)
@@ -373,9 +376,10 @@ def main(arguments: list[str]) -> int:
     if not has_compiler():
         print(f"{COMMAND}: there is no C compiler (Debian, Ubuntu: `apt install gcc python3-dev`); cogrip runs without")
         return 1
+    built = Path(arguments[1]) if arguments[:1] == ["--into"] else BUILT
     with tempfile.TemporaryDirectory() as folder:
         try:
-            compile_all(Path(folder), BUILT)
+            compile_all(Path(folder), built)
             enter(each for each in BUILT.rglob("*") if each.is_file())
         except OSError as error:
             print(f"{COMMAND}: {error.filename}: {error.strerror}; run it as whoever installed cogrip")
@@ -385,7 +389,8 @@ def main(arguments: list[str]) -> int:
             cure = "; pip install 'cogrip[compile]' has what it needs" if lacks else ""
             print(f"{COMMAND}: {type(error).__name__}: {error}{cure}; cogrip runs as before")
             return 1
-    print(f"compiled {len(sources())} modules; `{COMMAND} --remove` removes them")
+    cure = f"; `{COMMAND} --remove` removes them" if built == BUILT else ""
+    print(f"compiled {len(sources())} modules{cure}")
     return 0
 
 

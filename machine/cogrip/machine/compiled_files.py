@@ -1,14 +1,14 @@
 """Choice of the form that a process runs, compiled or interpreted, for all of its modules at once (docs/decisions/0028).
 
-What `dev.py compile` makes lies in `built_folder`: libraries in a folder of their own for each time, and `NAME`, which tells
-their modules and the sources that these are of. It is used where nothing of those sources has changed since, whatever becomes
-of it while the process runs; so no process ever has modules of both forms, or of two times. A process started by one that has
-chosen has the same form.
+What `dev.py compile` makes, or a wheel of one platform brings, lies in `built_folder`: libraries in a folder of their own for
+each time, and `NAME`, which tells their modules and the sources that these are of. It is used where nothing of those sources
+has changed since, whatever becomes of it while the process runs; so no process ever has modules of both forms, or of two times.
+A process started by one that has chosen has the same form.
 """
 
 import os
 import sys
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from importlib.machinery import EXTENSION_SUFFIXES, ExtensionFileLoader, ModuleSpec
 from importlib.util import find_spec, spec_from_file_location
 from pathlib import Path
@@ -27,7 +27,7 @@ OTHERS = "what was compiled is of other sources"
 
 
 class Fingerprint(NamedTuple):
-    """Number of sources, bytes of them, and when the newest was changed [ns]: enough to see that any has changed."""
+    """Number of sources, bytes of them, and when the newest was changed [ns]: where it is the same, none has changed."""
 
     sources: int
     size: int
@@ -59,27 +59,48 @@ def built_folder() -> Path:
     return types / "built" if types.parent.name == "machine" else types.parent / ".built"
 
 
-def fingerprint(folders: Iterable[Path] | None = None) -> Fingerprint:
-    """Return the fingerprint of all sources: a compiled module has the values of constants of others in it, so all count."""
-    number = size = newest_ns = 0
-    for folder in folders or (*part_folders().values(), types_folder() / "cogrip"):
+def _sources() -> Iterator[os.DirEntry[str]]:
+    """Yield all sources, in one order: a compiled module has the values of constants of others in it, so all count."""
+    types = str(types_folder())  # in a wheel within a part
+    for folder in (*part_folders().values(), types_folder() / "cogrip"):
         waiting = [str(folder)]
         while waiting:
             with os.scandir(waiting.pop()) as entries:
-                for each in entries:
+                for each in sorted(entries, key=lambda entry: entry.name):
                     if each.name.endswith(SOURCES):
-                        known = each.stat()
-                        number, size, newest_ns = number + 1, size + known.st_size, max(newest_ns, known.st_mtime_ns)
-                    elif each.is_dir() and each.name != "__pycache__":
+                        yield each
+                    elif each.is_dir() and each.name != "__pycache__" and each.path != types:
                         waiting.append(each.path)
-    return Fingerprint(number, size, newest_ns)
+
+
+def fingerprint() -> Fingerprint:
+    """Return the fingerprint of all sources, which opens none of them."""
+    known = [each.stat() for each in _sources()]
+    return Fingerprint(
+        len(known), sum(each.st_size for each in known), max((each.st_mtime_ns for each in known), default=0)
+    )
+
+
+def checksum() -> int:
+    """Return the CRC-32 of names and contents of all sources: the same wherever they lie, and whenever they were put there."""
+    from zlib import crc32
+
+    found = 0
+    for each in _sources():
+        found = crc32(Path(each.path).read_bytes(), crc32(each.name.encode(), found))
+    return found
 
 
 class CompiledModules:
-    """Finder of compiled modules, for `sys.meta_path`."""
+    """Finder of compiled modules, for `sys.meta_path`. sources, checksum: of what they were made of"""
 
-    def __init__(self, folder: Path, libraries: Mapping[str, str]) -> None:
-        self.folder, self.libraries = folder, libraries
+    def __init__(self, folder: Path, libraries: Mapping[str, str], sources: Fingerprint, checksum: int) -> None:
+        self.folder, self.libraries, self.sources, self.checksum = folder, libraries, sources, checksum
+
+    def are_current(self) -> bool:
+        """Return whether they were made of the sources that are there. Those are read only where their times differ."""
+        now = fingerprint()
+        return now == self.sources or (now[:2] == self.sources[:2] and checksum() == self.checksum)
 
     def find_spec(self, name: str, path: Sequence[str] | None, target: ModuleType | None = None) -> ModuleSpec | None:
         """Return where the compiled form of a module is, None where there is none."""
@@ -90,8 +111,8 @@ class CompiledModules:
         return spec_from_file_location(name, place, loader=ExtensionFileLoader(name, place))
 
 
-def read_built(file: Path) -> tuple[CompiledModules, Fingerprint] | None:
-    """Return what was built, by the file that tells it, and of which sources; None where it is not whole."""
+def read_built(file: Path) -> CompiledModules | None:
+    """Return what was built, by the file that tells it; None where it is not whole."""
     try:
         text = file.read_text("utf-8")
     except OSError:
@@ -102,7 +123,7 @@ def read_built(file: Path) -> tuple[CompiledModules, Fingerprint] | None:
         told = json.loads(text)
         folder, libraries = file.parent / told["folder"], dict(told["libraries"])
         whole = all((folder / each).is_file() for each in set(libraries.values()))
-        return (CompiledModules(folder, libraries), Fingerprint(*told["sources"])) if whole else None
+        return CompiledModules(folder, libraries, Fingerprint(*told["sources"]), told["checksum"]) if whole else None
     except (OSError, ValueError, LookupError, TypeError):
         return None
 
@@ -116,12 +137,9 @@ def choose() -> None:
     """Choose the form of this process: called as `cogrip.machine` is imported, before any module that has two."""
     if chosen() is not None:
         return
-    before, file = os.environ.get(CHOSEN, ""), built_folder() / NAME
-    modules = None
-    if before != "interpreted" and (built := read_built(file)) is not None:
-        modules, sources = built
-        if before != str(modules.folder) and sources != fingerprint():
-            modules = None
+    before, modules = os.environ.get(CHOSEN, ""), None
+    if before != "interpreted" and (built := read_built(built_folder() / NAME)) is not None:
+        modules = built if before == str(built.folder) or built.are_current() else None
     if modules is not None:
         sys.meta_path.insert(0, modules)
     os.environ[CHOSEN] = str(modules.folder) if modules is not None else "interpreted"
@@ -137,4 +155,4 @@ def why_interpreted() -> str:
     built = read_built(built_folder() / NAME)
     if built is None:
         return NEVER
-    return OTHERS if built[1] != fingerprint() else ""
+    return "" if built.are_current() else OTHERS
