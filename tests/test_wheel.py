@@ -1,14 +1,17 @@
 """Wheels: the one for every platform, and the one that brings the compiled form (`HATCH_BUILD_HOOKS_ENABLE=1`)."""
 
+import contextlib
 import csv
 import io
 import os
 import re
 import shutil
+import signal
 import subprocess
 import sys
 import tomllib
 import zipfile
+from collections.abc import Iterator
 from pathlib import Path
 
 import compiling
@@ -18,6 +21,9 @@ from hatchling.builders.wheel import WheelBuilder
 
 from cogrip.machine import compiled_files
 from cogrip.machine.compiled_files import CompiledModules
+
+from tests.extent import long
+from tests.free_ports import free_port
 
 ROOT = Path(__file__).parents[1]
 PROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))
@@ -133,3 +139,94 @@ def test_what_builds_wheels_agrees_on_pythons_and_how() -> None:
 def test_another_python_is_refused_in_one_line(words: tuple[str, ...], said: str) -> None:
     with pytest.raises(SystemExit, match=said):
         dev.wheel(*words)
+
+
+SERVER = "--port {port} --state {folder}/state"
+MORE = {
+    "lab demo": "--set seconds=1", "advise demo": "", "demo lift": "--set seconds=1", "configs": "", "serve lan": SERVER,
+    "join 127.0.0.1:47800": "--seconds 1", "who": SERVER, "devices list": "",
+    "compare compare --profiles wifi --seeds 2": "--set seconds=2", "study fitts": "", "runs": "", "replay RUN --verify": "",
+}  # fmt: skip
+"""Commands of README's tour, and what shortens each of them."""
+
+
+@pytest.mark.parametrize("python", [long(each) for each in dev.PYTHONS])
+@pytest.mark.lasts(1800.0)
+@pytest.mark.skipif(not compiling.has_compiler(), reason="no C compiler")
+def test_the_tour_runs_compiled_from_the_wheel(python: str, monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    """As a newcomer has it: built, checked and named as for a release, installed where no checkout is on the path."""
+    if dev.find_python(python) is None:
+        pytest.skip(f"there is no Python {python} with pip here")
+    monkeypatch.setattr(dev, "DIST", tmp_path / "dist")
+    assert dev.wheel(python) == 0
+    wheels = sorted((tmp_path / "dist").glob("*.whl"))
+    assert [each.name.rpartition("-")[2] == "any.whl" for each in wheels].count(True) == 1
+    (wheel,) = [each for each in wheels if not each.name.endswith("-any.whl")]
+    assert "manylinux" in wheel.name or sys.platform != "linux"
+    own = install(dev.find_python(python) or "", wheel, tmp_path)
+    environment = {"PATH": f"{own}{os.pathsep}{os.defpath}", "HOME": str(tmp_path), "COLUMNS": "200"}
+    tour(own / "cogrip", environment, tmp_path)
+    tried = run(own / "cogrip", "doctor", environment, tmp_path)
+    assert re.search(r"cogrip code +compiled\s", tried)
+
+
+def install(python: str, wheel: Path, folder: Path) -> Path:
+    """Install a wheel with the packages of the lock into an environment of its own. Return the folder of its commands."""
+    subprocess.run([python, "-P", "-m", "venv", str(folder / "own")], check=True)
+    (folder / "versions.txt").write_text("\n".join(dev.locked_versions()) + "\n")
+    own = folder / "own" / "bin"
+    pip = [str(own / "python"), "-P", "-m", "pip", "install", "--quiet", "--constraint", str(folder / "versions.txt")]
+    subprocess.run([*pip, str(wheel)], check=True)
+    return own
+
+
+def run(cogrip: Path, words: str, environment: dict[str, str], folder: Path) -> str:
+    """Run a command. Return what it says, where it ends by itself, without a verdict or with one."""
+    done = subprocess.run(
+        [str(cogrip), *words.split()],
+        env=environment,
+        cwd=folder,
+        capture_output=True,
+        text=True,
+        timeout=300.0,
+        check=False,
+    )
+    assert done.returncode in (0, 1), f"{words}: {done.stderr}"
+    assert "Traceback" not in done.stderr, words
+    return done.stdout
+
+
+def tour(cogrip: Path, environment: dict[str, str], folder: Path) -> None:
+    """Run each command of README's tour, shortened; those after `serve` while the server runs."""
+    assert TOUR
+    lines = [line.partition("#")[0].strip().removeprefix("cogrip ") for line in TOUR[1].splitlines()]
+    assert lines == list(MORE)
+    port = free_port()
+    with contextlib.ExitStack() as ends:
+        for line in lines:
+            words = f"{line} {MORE[line]}".format(port=port, folder=folder).replace(":47800", f":{port}")
+            if line == "serve lan":
+                ends.enter_context(serving([str(cogrip), *words.split()], environment, folder, port))
+            elif line == "replay RUN --verify":
+                name = next(each.name for each in sorted((folder / "runs").iterdir()) if each.name.endswith("-demo"))
+                assert "equal, bit for bit" in run(cogrip, words.replace("RUN", name), environment, folder)
+            else:
+                run(cogrip, words, environment, folder)
+
+
+@contextlib.contextmanager
+def serving(command: list[str], environment: dict[str, str], folder: Path, port: int) -> Iterator[None]:
+    """Have a server from its first line to Ctrl-C, after which it leaves a report."""
+    with subprocess.Popen(
+        command, env=environment, cwd=folder, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True
+    ) as server:
+        try:
+            assert server.stdout
+            assert f":{port}, unencrypted" in server.stdout.readline()
+            yield
+            server.send_signal(signal.SIGINT)
+            left, _ = server.communicate(timeout=60.0)
+            assert server.returncode in (0, 1)
+            assert "report: " in left
+        finally:
+            server.kill()
