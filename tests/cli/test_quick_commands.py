@@ -104,5 +104,5 @@ def test_the_tokens_of_a_server(tmp_path: Path, cogrip: Cogrip, state: StateFold
 def test_the_devices_there_are(tmp_path: Path) -> None:
     said, modules = imported(tmp_path, "devices", "list")
     assert "sim:phantom" in said
-    assert heavy(modules, "mcap", "cogrip.devices.simulated.recorded_motion") == set()
-    assert len(modules) <= 500
+    assert heavy(modules, "mcap", "serial", "websockets", "cogrip.devices.simulated.recorded_motion") == set()
+    assert len(modules) <= 470

@@ -12,8 +12,10 @@ import sys
 import time
 from contextlib import suppress
 from pathlib import Path
+from typing import TYPE_CHECKING
 
-import serial
+if TYPE_CHECKING:
+    from serial import Serial
 
 MOST_BYTES = 1 << 16  # most bytes taken in at once
 SEQUENCED = hasattr(socket, "AF_UNIX") and hasattr(socket, "SOCK_SEQPACKET")
@@ -31,17 +33,17 @@ if sys.platform == "win32":
     PSEUDO_TERMINALS = False
     IGNORED_BY_GUARD: tuple[signal.Signals, ...] = ()
 
-    def low_latency(line: serial.Serial) -> None:
+    def low_latency(line: "Serial") -> None:
         """Do nothing: the driver's latency is a setting of the port."""
 
-    def await_bytes(line: serial.Serial, wait_s: float) -> bytes:
+    def await_bytes(line: "Serial", wait_s: float) -> bytes:
         """Return the bytes that come within `wait_s`."""
         if line.timeout != wait_s:
             line.timeout = wait_s
         first: bytes = line.read(1)
         return first + line.read(line.in_waiting) if first else b""
 
-    def write_some(line: serial.Serial, frame: bytes) -> int:
+    def write_some(line: "Serial", frame: bytes) -> int:
         """Write, and return the number of bytes taken."""
         return line.write(frame) or 0
 
@@ -75,12 +77,12 @@ else:
     PSEUDO_TERMINALS = True
     IGNORED_BY_GUARD = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP, signal.SIGQUIT)
 
-    def low_latency(line: serial.Serial) -> None:
+    def low_latency(line: "Serial") -> None:
         """Ask the driver to pass bytes on at once, where it can."""
         with suppress(OSError, ValueError, NotImplementedError, AttributeError):
             line.set_low_latency_mode(True)  # a pty has none, an ACM port may have none
 
-    def await_bytes(line: serial.Serial, wait_s: float) -> bytes:
+    def await_bytes(line: "Serial", wait_s: float) -> bytes:
         """Return the bytes that come within `wait_s`; a new timeout would set the whole line up anew. Raises OSError."""
         return awaited(line.fileno(), wait_s)
 
@@ -105,7 +107,7 @@ else:
         watch.register(descriptor, 0)  # a hang-up is told in any case
         return any(events & select.POLLHUP for _, events in watch.poll(0))
 
-    def write_some(line: serial.Serial, frame: bytes) -> int:
+    def write_some(line: "Serial", frame: bytes) -> int:
         """Write, and return the number of bytes taken. pyserial itself would retry for ever while the buffer is full."""
         try:
             return os.write(line.fileno(), frame)

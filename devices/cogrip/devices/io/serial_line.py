@@ -4,13 +4,14 @@ import os
 from collections import Counter
 from collections.abc import Callable
 from contextlib import suppress
-from typing import TypeVar
-
-import serial
+from typing import TYPE_CHECKING, TypeVar
 
 from cogrip.devices.device import DeviceError
 from cogrip.devices.io import platform
 from cogrip.devices.io.plugging import stamp_of
+
+if TYPE_CHECKING:
+    from serial import Serial
 
 BAUD = 115200  # baud rate: the devices ignore it, but 0 would mean hang-up
 _Answer = TypeVar("_Answer")
@@ -23,14 +24,16 @@ class SerialLine:
         self.path = path
         self.name = f"{scheme}:{path}"
         self.counts: Counter[str] = Counter()
-        self._line: serial.Serial | None = None
+        self._line: Serial | None = None
 
     def open(self) -> None:
         """Raises DeviceError where the port is not there, not ours to open, or in use."""
         if self._line is not None:
             raise DeviceError(f"{self.name}: is open already; close it first")
+        from serial import Serial  # not for a list of devices, which opens none
+
         try:
-            line = serial.Serial(self.path, BAUD, timeout=0, write_timeout=0, exclusive=True)
+            line = Serial(self.path, BAUD, timeout=0, write_timeout=0, exclusive=True)
         except platform.NOT_A_LINE as error:  # SerialException is an OSError
             raise DeviceError(f"{self.name}: cannot be opened: {_reason(error)}; {_cure(self.path, error)}") from None
         platform.low_latency(line)
@@ -46,7 +49,7 @@ class SerialLine:
     def read(self, wait_s: float = 0.0) -> bytes:
         return self._try(lambda line: _read(line, wait_s))
 
-    def _try(self, verb: Callable[[serial.Serial], _Answer]) -> _Answer:
+    def _try(self, verb: "Callable[[Serial], _Answer]") -> _Answer:
         if self._line is None:
             raise DeviceError(f"{self.name}: is closed; open it first")
         try:
@@ -64,7 +67,7 @@ class SerialLine:
         return stamp_of(os.path.realpath(self.path))
 
 
-def _read(line: serial.Serial, wait_s: float) -> bytes:
+def _read(line: "Serial", wait_s: float) -> bytes:
     waiting = line.in_waiting
     if not waiting and wait_s > 0.0:
         return platform.await_bytes(line, wait_s)

@@ -1,6 +1,7 @@
 """A line whose messages are a websocket's: a non-blocking socket, and the package `websockets` without I/O of its own.
 
-No thread runs besides the loop, and no verb but `open` waits for the other end.
+No thread runs besides the loop, and no verb but `open` waits for the other end. The package is imported as a line is opened: a
+list of devices makes lines that nobody opens.
 """
 
 import select
@@ -9,18 +10,11 @@ import time
 from collections import Counter
 from contextlib import suppress
 
-from websockets.client import ClientProtocol
-from websockets.exceptions import WebSocketException
-from websockets.frames import Frame, Opcode
-from websockets.protocol import State
-from websockets.uri import parse_uri
-
 from cogrip.devices.device import DeviceError
 
 OPEN_S = 3.0  # longest time for connection and handshake
 MOST_BYTES = 65536  # most bytes of a message, and of what the other end has not taken: some hundred messages
 MOST_AT_ONCE = 16  # most reads at once: an end that sends without a stop must not hold the loop up
-_DATA = (Opcode.TEXT, Opcode.BINARY, Opcode.CONT)
 
 
 class WebsocketLine:
@@ -37,6 +31,10 @@ class WebsocketLine:
     def open(self) -> None:
         if self._socket is not None:
             raise DeviceError(f"{self.name}: is open already; close it first")
+        from websockets.client import ClientProtocol
+        from websockets.exceptions import WebSocketException
+        from websockets.uri import parse_uri
+
         host, port = self._where
         self._late, self._parts = b"", []
         try:
@@ -53,6 +51,8 @@ class WebsocketLine:
 
     def _shake_hands(self, connection: socket.socket) -> None:
         """Raises OSError or WebSocketException."""
+        from websockets.protocol import State
+
         protocol, until_s = self._protocol, time.monotonic() + OPEN_S
         protocol.send_request(protocol.connect())
         for data in protocol.data_to_send():
@@ -120,9 +120,11 @@ class WebsocketLine:
 
     def _newest(self) -> bytes:
         """Return the newest whole message among what was received, b"" for none."""
+        from websockets.frames import Frame, Opcode
+
         newest = b""
         for event in self._protocol.events_received():
-            if not isinstance(event, Frame) or event.opcode not in _DATA:
+            if not isinstance(event, Frame) or event.opcode not in (Opcode.TEXT, Opcode.BINARY, Opcode.CONT):
                 continue  # the response to the handshake, or a control frame
             self._parts.append(bytes(event.data))
             if event.fin:
@@ -144,6 +146,8 @@ class WebsocketLine:
         connection, self._socket = self._socket, None
         if connection is None:
             return
+        from websockets.exceptions import WebSocketException
+
         with suppress(OSError, WebSocketException):
             self._protocol.send_close()
             connection.send(self._late + b"".join(self._protocol.data_to_send()))
