@@ -248,6 +248,22 @@ def test_every_compiled_source_is_the_same_program_with_values() -> None:
             assert at == len(before)
 
 
+def test_c_functions_alone_are_compiled_for_speed() -> None:
+    """Their declarations say so, of methods and of others; those of wrappers, definitions and pointers do not."""
+    hot = (
+        "double __pyx_f_3mod_4Line_of(struct __pyx_obj_Line *__pyx_v_self, int __pyx_skip_dispatch); /* proto*/\n",
+        "CYTHON_INLINE PyObject *__pyx_f_3mod_add(double __pyx_v_x); /*proto*/\n",
+    )
+    other = (
+        "static PyObject *__pyx_pw_3mod_5Line_1of(PyObject *__pyx_v_self); /*proto*/\n"
+        "static double (*__pyx_f_6other_of)(double); /*proto*/\n"
+        "static double __pyx_f_3mod_4Line_of(struct __pyx_obj_Line *__pyx_v_self, int __pyx_skip_dispatch) {\n"
+    )
+    made = compiling.with_hot_functions("".join(f"static {each}" for each in hot) + other)
+    assert made == "".join(f"static {compiling.HOT} {each}" for each in hot) + other
+    assert all(f'"{flag[2:]}"' in compiling.HOT for flag in ("-ffp-contract=off", "-fwrapv", "-fno-strict-aliasing"))
+
+
 @pytest.fixture
 def installed(tmp_path: Path) -> Path:
     """Return a folder in which the files of a wheel lie, as pip unpacks one."""
