@@ -11,9 +11,8 @@ name of a module is an object in C as well, and each use of it in arithmetic mak
 What a tick never does is out of its way, as a processor forgets pages and lines of code between two ticks: the paths to a
 traceback are put together at the end of a module (`COLD`), loops are not aligned. On Linux many modules are one library, in
 which functions are sorted by name: the typed ones, which a tick runs through, stand together (`link_together`).
-Functions of C, which a tick runs through, are compiled with `-O2`, all else with `-O1` (`with_hot_functions`): a session takes
-5 % more with `-O1` for all, and compiling half as long again with `-O2` for all. What many modules need of Cython's own is one
-module of its own (`SHARED`).
+What Python alone calls, and no C function, is compiled with `-O1`, all else with `-O2` (`with_plain_wrappers`); all with `-O2`
+takes a third longer. What many modules need of Cython's own is one module of its own (`SHARED`).
 `-ffp-contract=off`: no product and sum are rounded together, so that every number is the interpreted one, bit for bit;
 `-fwrapv`: whole numbers wrap.
 """
@@ -48,17 +47,10 @@ PARTS = ("machine", "protocol", "devices", "client", "server")
 BUILT = TYPES / "built" if INSTALLED else ROOT / ".built"
 SUFFIX = str(sysconfig.get_config_var("EXT_SUFFIX"))
 ARITHMETIC = ["-ffp-contract=off", "-fwrapv", "-fno-strict-aliasing", "-falign-loops=1", "-falign-jumps=1"]
-FLAGS = [
-    "-O1" if sys.platform == "linux" else "-O2",
-    *ARITHMETIC,
-    "-ffunction-sections",
-    "-fdata-sections",
-    "-w",
-    "-g0",
-]
+FLAGS = ["-O2", *ARITHMETIC, "-ffunction-sections", "-fdata-sections", "-w", "-g0"]
 _AGAIN = ", ".join(f'"{each[2:]}"' for each in ARITHMETIC)
-HOT = f'__attribute__((optimize("O2", {_AGAIN})))'
-"""Attribute of C functions on Linux. What is no level of optimization is named again: gcc may set it anew with the level."""
+PLAIN = f'__attribute__((optimize("O1", {_AGAIN})))'
+"""Attribute of gcc. What is no level of optimization is named again: it may be set anew with the level."""
 SHARED = "cogrip.machine.shared_by_compiled_modules"  # there only compiled
 COLD = "static void __Pyx_AddTraceback(const char *, int, int, const char *) __attribute__((cold));\n"
 """Declaration ahead of each module's C code: the compiler takes every path to this function for one that is not taken."""
@@ -245,7 +237,7 @@ def compile_all(folder: Path, built: Path) -> None:
             quiet=True, compiler_directives=DIRECTIVES, shared_utility_qualified_name=SHARED,
         )  # fmt: skip
     for source in [Path(each.sources[0]) for each in generated if sys.platform == "linux"]:
-        source.write_text(with_hot_functions(source.read_text("utf-8")), "utf-8")
+        source.write_text(with_plain_wrappers(source.read_text("utf-8")), "utf-8")
     command = Distribution({"ext_modules": generated}).get_command_obj("build_ext")
     command.build_lib, command.build_temp = str(folder / "lib"), str(folder / "objects")
     command.parallel = True
@@ -265,10 +257,13 @@ def compile_all(folder: Path, built: Path) -> None:
     put(made, built, known, checksum)
 
 
-def with_hot_functions(source: str) -> str:
-    """Return a module's C code in which declarations of its C functions, of methods and others, have the attribute `HOT`."""
-    declaration = re.compile(r"^static (?=[^\n;{}(]*\b__pyx_f_\w+\([^\n;{}]*\); ?/\* ?proto ?\*/)", re.MULTILINE)
-    return declaration.sub(f"static {HOT} ", source)
+def with_plain_wrappers(source: str) -> str:
+    """Return a module's C code in which functions that Python calls, and the module's start, have the attribute `PLAIN`.
+
+    C functions keep the level of the command line, and with it what is inlined into them: gcc inlines none of a lower level.
+    """
+    wrapper = re.compile(r"^static (?=[^\n;{}(=]*\b__pyx_(?:pw|pf|getprop|setprop|pymod)_\w+\()", re.MULTILINE)
+    return wrapper.sub(f"static {PLAIN} ", source)
 
 
 def compile_into(folder: Path) -> None:

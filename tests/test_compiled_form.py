@@ -249,19 +249,20 @@ def test_every_compiled_source_is_the_same_program_with_values() -> None:
 
 
 def test_c_functions_alone_are_compiled_for_speed() -> None:
-    """Their declarations say so, of methods and of others; those of wrappers, definitions and pointers do not."""
-    hot = (
-        "double __pyx_f_3mod_4Line_of(struct __pyx_obj_Line *__pyx_v_self, int __pyx_skip_dispatch); /* proto*/\n",
-        "CYTHON_INLINE PyObject *__pyx_f_3mod_add(double __pyx_v_x); /*proto*/\n",
+    """Functions that Python calls are told apart where they are declared and where they are defined; calls are left alone."""
+    plain = (
+        "PyObject *__pyx_pw_3mod_5Line_1of(PyObject *__pyx_v_self, PyObject *unused); /*proto*/\n",
+        "PyObject *__pyx_getprop_3mod_4Line_length(PyObject *o, CYTHON_UNUSED void *x) {\n",
+        "CYTHON_SMALL_CODE int __pyx_pymod_exec_mod(PyObject* module); /*proto*/\n",
     )
     other = (
-        "static PyObject *__pyx_pw_3mod_5Line_1of(PyObject *__pyx_v_self); /*proto*/\n"
-        "static double (*__pyx_f_6other_of)(double); /*proto*/\n"
-        "static double __pyx_f_3mod_4Line_of(struct __pyx_obj_Line *__pyx_v_self, int __pyx_skip_dispatch) {\n"
+        "static double __pyx_f_3mod_4Line_of(struct __pyx_obj_Line *__pyx_v_self, int __pyx_skip_dispatch); /* proto*/\n"
+        'static PyMethodDef __pyx_mdef_1of = {"of", (PyCFunction)__pyx_pw_3mod_5Line_1of, METH_NOARGS, 0};\n'
+        "  __pyx_r = __pyx_pf_3mod_4Line_of(((struct __pyx_obj_Line *)__pyx_v_self));\n"
     )
-    made = compiling.with_hot_functions("".join(f"static {each}" for each in hot) + other)
-    assert made == "".join(f"static {compiling.HOT} {each}" for each in hot) + other
-    assert all(f'"{flag[2:]}"' in compiling.HOT for flag in ("-ffp-contract=off", "-fwrapv", "-fno-strict-aliasing"))
+    made = compiling.with_plain_wrappers("".join(f"static {each}" for each in plain) + other)
+    assert made == "".join(f"static {compiling.PLAIN} {each}" for each in plain) + other
+    assert all(f'"{flag[2:]}"' in compiling.PLAIN for flag in ("-ffp-contract=off", "-fwrapv", "-fno-strict-aliasing"))
 
 
 @pytest.fixture

@@ -14,7 +14,7 @@ COMPILING = "cogrip.cli.compiling"  # module that is compiling.py of the checkou
 def compile_(*, remove: bool = False) -> int:
     """Compile what a server does once a person and frame, and a client once a tick: half the time, and the same numbers.
 
-    Needs a C compiler with Python's headers, and the extra `compile`; takes one to three minutes. Nothing needs it; `cogrip
+    Needs a C compiler with Python's headers, and the extra `compile`; takes one to two minutes. Nothing needs it; `cogrip
     doctor` says which form runs. What runs already keeps its form.
 
     Parameters
