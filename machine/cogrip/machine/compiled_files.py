@@ -8,7 +8,7 @@ A process started by one that has chosen has the same form.
 
 import os
 import sys
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from importlib.machinery import EXTENSION_SUFFIXES, ExtensionFileLoader, ModuleSpec
 from importlib.util import find_spec, spec_from_file_location
 from pathlib import Path
@@ -59,10 +59,13 @@ def built_folder() -> Path:
     return types / "built" if types.parent.name == "machine" else types.parent / ".built"
 
 
-def _sources() -> Iterator[os.DirEntry[str]]:
-    """Yield all sources, in one order: a compiled module has the values of constants of others in it, so all count."""
+def _sources(folders: Iterable[Path] | None) -> Iterator[os.DirEntry[str]]:
+    """Yield the sources in some folders in one order; for None all that there are.
+
+    All count, as a compiled module has the values of constants of others in it.
+    """
     types = str(types_folder())  # in a wheel within a part
-    for folder in (*part_folders().values(), types_folder() / "cogrip"):
+    for folder in folders or (*part_folders().values(), types_folder() / "cogrip"):
         waiting = [str(folder)]
         while waiting:
             with os.scandir(waiting.pop()) as entries:
@@ -73,21 +76,21 @@ def _sources() -> Iterator[os.DirEntry[str]]:
                         waiting.append(each.path)
 
 
-def fingerprint() -> Fingerprint:
+def fingerprint(folders: Iterable[Path] | None = None) -> Fingerprint:
     """Return the fingerprint of all sources, which opens none of them."""
     number = size = newest_ns = 0
-    for each in _sources():
+    for each in _sources(folders):
         known = each.stat()
         number, size, newest_ns = number + 1, size + known.st_size, max(newest_ns, known.st_mtime_ns)
     return Fingerprint(number, size, newest_ns)
 
 
-def checksum() -> int:
+def checksum(folders: Iterable[Path] | None = None) -> int:
     """Return the CRC-32 of names and contents of all sources: the same wherever they lie, and whenever they were put there."""
     from zlib import crc32
 
     found = 0
-    for each in _sources():
+    for each in _sources(folders):
         found = crc32(Path(each.path).read_bytes(), crc32(each.name.encode(), found))
     return found
 
