@@ -6,7 +6,8 @@ from typing import Any
 
 import pytest
 
-from cogrip.protocol.recording.records import KINDS, SeatStep, Step
+from cogrip.protocol.drawing import TILE, Shape, Solid
+from cogrip.protocol.recording.records import KINDS, Geoms, SeatStep, Step
 from cogrip.protocol.recording.schema import DESCRIPTIONS, NOT_SHOWN, json_schema, unit_of
 from cogrip.protocol.recording.sink import encode
 
@@ -88,3 +89,14 @@ def test_units_are_read_off_names():
         "step",
     )
     assert [unit_of(name) for name in names] == ["m", "m/s", "µs", "ms", "J", "sqrt(W)", "device ticks", "", "", ""]
+
+
+def test_a_shape_with_all_that_few_have_fits():
+    shape = Shape(
+        "plane",
+        (0.0, 0.0, 0.1),
+        colours=bytes(3 * TILE * TILE),
+        period_m=(0.1, 0.1),
+        solid=Solid((1.0, 0.005, 1e-4), (1, 1), (0.2,)),
+    )
+    assert fits(json.loads(encode(Geoms((shape,), (0.0, 0.0, 0.0)))), json.loads(json_schema(KINDS["geoms"])))

@@ -10,7 +10,7 @@ from typing import Any
 import msgspec
 from msgspec import inspect
 
-NOT_SHOWN = ("unfit", "triangles", "colours", "points", "period_m", "left_out")
+NOT_SHOWN = ("unfit", "triangles", "colours", "points", "period_m", "left_out", "solid")
 """Fields of messages that no schema has: an array of arrays, and those that few shapes or scenes have."""
 
 _NAMES = {
