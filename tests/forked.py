@@ -44,7 +44,7 @@ PRELOADED = (
 begun: list[str] = []
 """Commands that were begun here until now."""
 listeners: list[Callable[[], None]] = []
-"""What is called as a command begins."""
+"""Hook that a command calls as it begins."""
 _LONGEST = 200_000  # bytes of a request, environment and all
 _COMM = 15  # characters of a process's name
 _MESSAGE = struct.Struct("=ii")  # the process id, then the exit code as `subprocess` has it
