@@ -24,7 +24,7 @@ from tests.sim.test_partner_life import silenced
 from tests.sim.test_people_join_and_leave import seated
 
 MOST_STEP_N = 0.5
-MOST_BREAK_N = 0.8  # of contact that breaks, as a box slips out from between two tools
+MOST_BREAK_N = 0.8  # Contact that breaks, as a box slips out from between two tools, may step the force by so much.
 PRESSED_S, ALOFT_S, DOWN_S = 2.3, 4.0, 7.5  # times of the hands of `configs/lift.toml`
 
 

@@ -48,7 +48,7 @@ def test_the_settings_of_a_form_ask_for_it(form: Form) -> None:
 
 
 NAMES = {*KINDS, *OBJECT_KINDS}
-QUOTED = re.compile(rf"""(["'])({"|".join({*NAMES, *METHODS})})\1""")  # so that few modules are parsed
+QUOTED = re.compile(rf"""(["'])({"|".join({*NAMES, *METHODS})})\1""")  # A module without a match need not be parsed.
 PACKAGES = (
     "machine", "protocol", "devices", "client", "server", "sim", "results", "analysis", "experiments", "view", "api", "cli",
 )  # fmt: skip
