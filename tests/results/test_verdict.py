@@ -38,6 +38,14 @@ def test_all_is_well_where_every_end_said_so() -> None:
     assert felt(summary).sentence == "Felt as intended; 363 N/m at rest, predicted, not measured."
 
 
+def test_how_a_scene_felt_of_which_hands_had_copies_is_not_known() -> None:
+    summary = summarised(person())
+    for gates, scene, tone in (({}, None, "good"), (None, {}, "good"), ({}, {}, "warn")):
+        told = {**summary, "gates": gates, "server": {**summary["server"], "scene": scene}}
+        assert felt(told).tone == tone
+        assert ("copy of its own" in felt(told).sentence) is (tone == "warn")
+
+
 @pytest.mark.parametrize(
     ("margin_j", "passed", "tone"),
     [

@@ -55,6 +55,8 @@ def felt_as_intended(summary: Summary, stable: bool) -> Judgement:
         text = "Nothing was felt: no hand met a force."
     elif untouched := _untouched(summary, held):
         text = untouched
+    elif copied := _copied(summary):
+        text = copied
     elif softer := _softer(held):
         text, brief = f"{SOFTER}: {softer}.", SOFTER_BRIEF
     elif untold := _unknown_stiffness(held):
@@ -79,6 +81,13 @@ def _untouched(summary: Summary, held: list[UserValues]) -> str:
     if not missed or (len(missed) < len(seen) and not isinstance(summary.get("task"), dict)):
         return ""
     return f"Nothing was touched by the tool of {some(missed)}: what was felt of the scene was the line alone."
+
+
+def _copied(summary: Summary) -> str:
+    """Return why it is not known how a scene felt of which each hand had a copy; "" where none had."""
+    if not isinstance(summary.get("gates"), dict) or not isinstance(dig(summary, "server", "scene"), dict):
+        return ""
+    return "How the scene felt is not known: each hand felt a copy of its own, where bodies may slip that the server's hold."
 
 
 def _unknown_stiffness(held: list[UserValues]) -> str:
