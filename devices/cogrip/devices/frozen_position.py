@@ -7,7 +7,8 @@ since, forgotten with WINDOW_S.
 
 q is one count: a tip that moves less than one shows nothing. v is filtered, and so late: it
 goes on for LAG_S after a tip that stops dead.
-A v of less than FROZEN_M / WINDOW_S, noise say, is never taken for motion.
+A v of less than FROZEN_M / WINDOW_S, noise say, is never taken for motion. Nor is v held to have lasted through
+a silence of the device: a reading that comes more than LAG_S after the one before it begins anew.
 """
 
 from collections.abc import Sequence
@@ -26,6 +27,7 @@ class FrozenPosition:
     def __init__(self, resolution_m: float, rate_hz: int) -> None:
         self._least_m = FROZEN_M + SLACK_COUNTS * resolution_m
         self._tick_s = 1.0 / rate_hz
+        self._silent_ticks = LAG_S * rate_hz
         self._at: Sequence[float] | None = None
         self._tick = 0
         self._ticks = 0
@@ -35,7 +37,7 @@ class FrozenPosition:
         """Enter a reading. Return whether it is the one before to the last bit, so that a velocity is to be judged."""
         ticks, self._tick = tick - self._tick, tick
         self._ticks = ticks
-        if position_m != self._at:
+        if position_m != self._at or ticks > self._silent_ticks:
             self._at, self._gone_m, self._begun_mps = position_m, 0.0, -1.0
             return False
         return True
