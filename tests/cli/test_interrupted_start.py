@@ -36,7 +36,9 @@ def started(name: str, *arguments: str) -> tuple[int, str]:
 
 
 @pytest.mark.skipif(os.name == "nt", reason="signals of POSIX")
-@pytest.mark.parametrize("name", ["cogrip.cli.main", "cyclopts", "cogrip.cli.serving.serve", "cogrip.server.io.loop"])
+@pytest.mark.parametrize(
+    "name", ["cogrip.cli.main", "cyclopts", "cogrip.cli.serving.serve", "cogrip.server.io.udp_socket"]
+)
 def test_while_modules_are_imported_it_ends_the_process_and_nothing_is_said(name: str) -> None:
     assert started(name, "serve", "demo", "--port", "0", "--seconds", "1") == (-signal.SIGINT, "")
 

@@ -25,5 +25,5 @@ cdef class MotionObserver:
     )
     cpdef list update(self, position_m, long long ticks=*)
     @cython.locals(velocity=list, newest=list, axis=Py_ssize_t, force_n=double, gained=double)
-    cdef list _now(self)
+    cpdef list _now(self)
     cpdef reset(self)
