@@ -14,7 +14,7 @@ cdef class MotionObserver:
     cdef double[6] _impulse
     cdef public bint _begun
     cdef public list _velocity
-    cdef list _newest
+    cdef public list _newest
 
     cpdef hold(self, force_n, long long ticks)
     @cython.locals(impulse="double*", axis=Py_ssize_t, x=double, y=double, z=double)
