@@ -1,5 +1,6 @@
 """The guard of other authors' worlds: what fails is named and never called again, and none gives out what it did not get."""
 
+import signal
 import threading
 from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
@@ -93,6 +94,29 @@ def test_a_world_that_takes_for_ever_is_ended(
     room = held(world)
     room.time_limit = call_limit.call_limit
     assert until_failed(room) == f"{KIND}: takes too long in advance"
+
+
+@pytest.mark.parametrize("fails", [False, True])
+def test_an_alarm_that_comes_as_a_call_ends_leaves_the_timer_off(monkeypatch: pytest.MonkeyPatch, fails: bool) -> None:
+    """Raised in what puts the timer off it would leave that on, and later end whatever the server does then."""
+    set_timer, late = signal.setitimer, []
+
+    def set_late(which: int, seconds: float, interval: float = 0.0) -> tuple[float, float]:
+        if not seconds:
+            signal.raise_signal(signal.SIGALRM)
+            late.append(which)
+        return set_timer(which, 100.0 if seconds else 0.0)
+
+    monkeypatch.setattr(call_limit, "COMPUTE_LIMIT_S", 1e-9)  # each alarm comes too late
+    room = held(broken.Raises if fails else Springs)
+    monkeypatch.setattr(signal, "setitimer", set_late)
+    room.time_limit = call_limit.call_limit
+    if fails:
+        assert "KeyError" in until_failed(room)
+    else:
+        room.advance([(0.05, 0.02)] * 2)
+    assert late
+    assert signal.getitimer(signal.ITIMER_REAL) == (0.0, 0.0)
 
 
 @pytest.mark.parametrize(
