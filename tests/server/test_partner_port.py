@@ -1,5 +1,7 @@
 """The port of partners' models: intentions go on to the others, and what a hand says that it donates is bounded."""
 
+from math import pi
+
 import numpy as np
 import pytest
 
@@ -82,3 +84,22 @@ def test_an_intention_goes_to_the_others_in_their_frames_and_stamped_as_it_came(
     )  # b is at rest where it took hold: at a's own place, in a's frame
     assert only.rate_mps == (0.25, 0.0)
     assert told.position_m == pytest.approx(hands[0], abs=1e-3)
+
+
+def test_a_pose_goes_on_by_its_rates_round_the_circle() -> None:
+    """An intention on six axes, 50 ms old: its rotation goes on as a rotation, also over half a turn."""
+    settings = resolve({
+        "coupling": {"kind": "partner"}, "object": {"kind": "scene", "file": "x.xml", "axes": 6},
+        "users": [{"name": "a"}, {"name": "b"}],
+    })  # fmt: skip
+    port = PartnerPort(seat_settings(settings, 0), SeatLimits())
+    still, turned, spin = (0.0,) * 6, pi - 0.05, 2.0
+    made_ns = 7_000_000_000
+    intent = Intent(0, made_ns, (0.1, 0.0, 0.0, 0.0, 0.0, turned), (0.2, 0.0, 0.0, 0.0, 0.0, spin), 150.0, 0.0)
+    assert port.receive(Partner(1, 0, still, still, (intent,), 0, Stamp(1)), 0)
+    port.next_step_ns = made_ns + 50_000_000 + round(1e9 * FRAME_S)
+    row = port.pop(1)
+    assert len(row) == 6 * 6
+    assert row[:6] == pytest.approx((0.11, 0.0, 0.0, 0.0, 0.0, turned + 0.05 * spin - 2.0 * pi))
+    assert row[6:12] == intent.intention_m
+    assert not port.receive(Partner(1, 1, (0.0,) * 3, (0.0,) * 3, (), 0, Stamp(1)), 0), "a hand that does not turn"

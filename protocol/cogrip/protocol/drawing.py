@@ -27,6 +27,8 @@ _COUNTS = 65535  # largest number that stands for a coordinate: the far side of 
 MOST_LOCAL = 64  # most shapes with which a player's client renders contact itself
 MOST_COPIED = 32  # most shapes of which a client makes its copy of a scene
 OBJECT_NUMBERS = 14  # numbers of the inertia of a scene's object
+TURNING_NUMBERS, WELDED_NUMBERS = 12, 15
+"""Numbers of the inertia of a tool that turns, and of one that is welded to the object."""
 MOST_PAIRS = 256  # most pairs of a ball and a fixed shape among the shapes of local contact
 UNTURNED: Four = (1.0, 0.0, 0.0, 0.0)
 
@@ -36,8 +38,10 @@ class Solid(msgspec.Struct, frozen=True, array_like=True):
 
     friction  sliding, spinning [m] and rolling [m], as MJCF has them
     bits      contype and conaffinity: two shapes touch where the one of either and the other of the other share a bit
-    inertia   of a tool its mass [kg]; of the object 14 numbers: mass, place of its middle in its frame [m], moments about that
-              [kg m^2], the orientation of their axes, and the acceleration of its fall [m/s^2]; at the first shape of the body
+    inertia   of a tool its mass [kg], of one that turns 12 numbers: mass, place of its middle in its frame [m], moments about
+              that [kg m^2], the orientation of their axes, and the part of its weight that is carried; where it is welded to
+              the object 3 more: its place from there at the start [m]; of the object the first 11, and the acceleration of
+              its fall [m/s^2]; at the first shape of the body
     """
 
     friction: Annotated[
@@ -45,7 +49,7 @@ class Solid(msgspec.Struct, frozen=True, array_like=True):
     ]
     bits: Annotated[tuple[Annotated[int, msgspec.Meta(ge=0, lt=2**31)], ...], msgspec.Meta(min_length=2, max_length=2)]
     inertia: Annotated[
-        tuple[Annotated[float, msgspec.Meta(ge=-1e4, le=1e4)], ...], msgspec.Meta(max_length=OBJECT_NUMBERS)
+        tuple[Annotated[float, msgspec.Meta(ge=-1e4, le=1e4)], ...], msgspec.Meta(max_length=WELDED_NUMBERS)
     ] = ()
 
 

@@ -75,12 +75,14 @@ class Coupling:
         down_margin_j  least margin of the line down; None where no ledger of one direction is kept
         down_reserve   its energy reserve
         credit_left    credit that the line down leaves to the next one, per axis [W] (SPEC 5.4)
+        turns          whether it asks by `turn` how the tool is turned, which lengths do not tell
     """
 
     credit_left = inf
 
     def __init__(self, seat: SeatSettings) -> None:
         self.absorbs = False
+        self.turns = False
         self._seat, axes = seat, seat.object.axes
         self.frame_ticks = seat.rates.ticks_per_frame
         self.applied_n: Sequence[float] = (0.0,) * axes
@@ -169,6 +171,9 @@ class Coupling:
 
     def elapse_absent(self) -> None:
         """Add a tick that has passed without a hand."""
+
+    def turn(self, position_m: Row, rotation_rad: Row) -> None:
+        """Enter the tool's rotation vector at a place, in lengths, as a sample has come."""
 
     def end_frame(self, spare_j: float = inf) -> int:
         """End a frame, which may give the line at most `spare_j`. Return the ticks of the next."""

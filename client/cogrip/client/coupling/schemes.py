@@ -46,12 +46,13 @@ def make_partner(seat: SeatSettings) -> Coupling:
     if not kind_of(seat.object.kind).scene:
         return PartnerCoupling(seat)
     try:
+        from cogrip.client.coupling.partner.partner_pose import PartnerPoseCoupling
         from cogrip.client.coupling.partner.partner_scene import PartnerSceneCoupling
     except ModuleNotFoundError as error:
         if error.name != "mujoco":
             raise
         return UncopiedScene(seat)
-    return PartnerSceneCoupling(seat)
+    return PartnerPoseCoupling(seat) if seat.object.axes == POSE_AXES else PartnerSceneCoupling(seat)
 
 
 SCHEMES: dict[Kind, MakeCoupling] = {

@@ -279,6 +279,8 @@ class SeatedClient:
         if sample is not None and self.units.further:
             sample = self.units.lengths(sample)
         position = hand.update(tick, elapsed, sample, self.force_n)
+        if position is not None and self.coupling.turns:
+            self.coupling.turn(self.tool_m(), self.tool_pose()[PLACES:])
         ended = False
         if self._origin_m is None:
             self.ledger.elapse(elapsed, self.force_n)

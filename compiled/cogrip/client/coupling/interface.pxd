@@ -25,6 +25,7 @@ cdef class Coupling:
     cdef public object cut_n
     cdef public object local_n
     cdef public bint reduced
+    cdef public bint turns
     cdef public bint absorbs
     cdef public bint implausible
     cdef public tuple still
@@ -41,6 +42,7 @@ cdef class Coupling:
     cpdef elapse(self, mean_velocity_mps, velocity_mps, double hold=*)
     cpdef elapse_held(self)
     cpdef elapse_absent(self)
+    cpdef turn(self, tuple position_m, tuple rotation_rad)
     cpdef long long end_frame(self, double spare_j=*) except? -1
     cpdef long long start_frame(self) except? -1
     cpdef force(self, position_m, velocity_mps)

@@ -12,6 +12,8 @@ evenly does not drag its partners by all of a damping that only keeps a loop bel
 
 from collections.abc import Sequence
 
+from cogrip.protocol.laws.poses import IN_PLACES, Places
+
 MODEL_KG = 0.1  # m_d, mass of the device in a model
 HAND_NSPM = 5.0  # b_e, damping of a hand in the estimate of its intention
 ADDED_NSPM = 10.0  # damping b_m - b_e that a late model has more; it keeps the loop of two clients below 1
@@ -24,11 +26,15 @@ HORIZON_S = 0.1  # h, the longest time for which an intention is taken to go on
 
 
 class Model:
-    """One partner's hand on all axes: where its device is taken to be, and how fast. drift_mps: u of its intention."""
+    """One partner's hand on all axes: where its device is taken to be, and how fast. drift_mps: u of its intention.
 
-    __slots__ = ("age_s", "drift_mps", "intention_m", "place_m", "stiffness_npm", "velocity_mps")
+    space: of its rows, which are places or poses
+    """
 
-    def __init__(self, place_m: Sequence[float]) -> None:
+    __slots__ = ("age_s", "drift_mps", "intention_m", "place_m", "space", "stiffness_npm", "velocity_mps")
+
+    def __init__(self, place_m: Sequence[float], space: Places = IN_PLACES) -> None:
+        self.space = space
         self.place_m = list(place_m)
         self.velocity_mps = [0.0] * len(self.place_m)
         self.intention_m = list(place_m)
@@ -77,11 +83,11 @@ class ToolDrive:
         carried = step_s * DRIFTING * model.added_nspm
         self._drives: list[float] = []
         self.force_n: list[float] = []
-        for x, speed, intended, drift, q in zip(
-            model.place_m, model.velocity_mps, model.intention_m, model.drift_mps, place_m, strict=True
-        ):
-            spring_n = K * (x - q)
-            drive = inverse * (MODEL_KG * speed + pull * (intended - x) + carried * drift - step_s * spring_n)
+        stretch = model.space.way(place_m, model.place_m)
+        to_go = model.space.way(model.place_m, model.intention_m)
+        for s, speed, way, drift in zip(stretch, model.velocity_mps, to_go, model.drift_mps, strict=True):
+            spring_n = K * s
+            drive = inverse * (MODEL_KG * speed + pull * way + carried * drift - step_s * spring_n)
             self._drives.append(drive)
             self.force_n.append(spring_n + held * drive)
         self._share = inverse * step_s * held
@@ -91,13 +97,15 @@ class ToolDrive:
         """Move the model by the step, after which the tool has this velocity."""
         model = self._model
         model.velocity_mps = [a + self._share * q for a, q in zip(self._drives, velocity_mps, strict=True)]
-        model.place_m = [x + self._step_s * v for x, v in zip(model.place_m, model.velocity_mps, strict=True)]
+        model.place_m = model.space.moved(model.place_m, [self._step_s * v for v in model.velocity_mps])
 
 
-def ahead(intention_m: Sequence[float], rate_mps: Sequence[float], age_s: float) -> list[float]:
+def ahead(
+    intention_m: Sequence[float], rate_mps: Sequence[float], age_s: float, space: Places = IN_PLACES
+) -> list[float]:
     """Return where an intention is after this time, as far as the horizon."""
     reach = min(max(0.0, age_s), HORIZON_S)
-    return [place + reach * rate for place, rate in zip(intention_m, rate_mps, strict=True)]
+    return space.moved(intention_m, [reach * rate for rate in rate_mps])
 
 
 def step_object(

@@ -14,4 +14,11 @@ GEOM: dict[str, Any] = {
     "solref": (-CONTACT_RATE_PS2 * (1.0 - CONTACT_SHARE), -CONTACT_DAMPING_PS * (1.0 - CONTACT_SHARE)),
 }
 """Attributes of a geom."""
+HOLD_RATE_PS2, HOLD_DAMPING_PS = 4.0 * CONTACT_RATE_PS2, 2.0 * CONTACT_DAMPING_PS
+"""Kappa and beta of a weld, which is to store little."""
+WELD: dict[str, Any] = {
+    "solimp": GEOM["solimp"],
+    "solref": (-HOLD_RATE_PS2 * (1.0 - CONTACT_SHARE), -HOLD_DAMPING_PS * (1.0 - CONTACT_SHARE)),
+}
+"""Attributes of a weld, and of other equalities."""
 IMPRATIO = 3000.0

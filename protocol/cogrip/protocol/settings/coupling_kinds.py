@@ -19,7 +19,7 @@ class CouplingKind(NamedTuple):
     """Properties of a kind. None has a default: whoever adds a kind decides each.
 
     frame           message that carries a frame both ways, by its name in `cogrip.protocol.wire.messages`; of `Waves` alone a
-                    scene may have poses and has an energy limiter, and the line can be tuned live
+                    scene has an energy limiter, and the line can be tuned live
     local           the client renders contact itself, so that its force does not wait for the line
     passive         creates no energy, given the passive server step and a decimator that creates none
     gated           a gate at each hand's own spring bounds what it gets, and no line carries energy (theory 5b)
@@ -50,6 +50,11 @@ class CouplingKind(NamedTuple):
     def waves(self) -> bool:
         """True where both ends send waves."""
         return self.frame == "Waves"
+
+    @property
+    def poses(self) -> bool:
+        """True where a scene may have poses."""
+        return self.waves or self.gated
 
     @property
     def copies(self) -> str:

@@ -73,9 +73,16 @@ def unfit_object(settings: Settings, compensated: Sequence[str]) -> str:
             f"set it to at most {(MOST_WAVES - proxy) // axes}",
         ),
         (
-            scene and given.axes == POSE_AXES and not coupling.traits.waves,
+            scene and given.axes == POSE_AXES and not coupling.traits.poses,
             f'coupling.kind = "{coupling.kind}" has no poses',
-            'set coupling.kind = "wave" or "local", or object.axes = 3',
+            'set coupling.kind = "wave", "local" or "partner", or object.axes = 3',
+        ),
+        (
+            given.axes == POSE_AXES
+            and coupling.traits.gated
+            and any(user.orientation not in ("", "driven") for user in settings.users),
+            f'coupling.kind = "{coupling.kind}" has poses of all hands or of none',
+            'set orientation = "driven" for each, or coupling.kind = "wave"',
         ),
         (
             not scene and not coupling.traits.any_world,

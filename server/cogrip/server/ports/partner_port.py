@@ -9,6 +9,7 @@ hand's frame.
 from cogrip.machine.rows import Row
 from cogrip.protocol.axes import POSE_AXES
 from cogrip.protocol.laws.partner_model import ahead
+from cogrip.protocol.laws.poses import IN_PLACES, IN_RADIANS
 from cogrip.protocol.settings.object_kinds import kind_of
 from cogrip.protocol.settings.seat import SeatSettings
 from cogrip.protocol.wire.clock import MessageClock
@@ -53,6 +54,7 @@ class PartnerPort(LatestStatePort[Partner]):
         self._counters_j: dict[int, float] = {}  # of each partner, as passed to this hand last
         self._passed_down_j, self._others = 0.0, max(1, seat.people - 1)
         self._seat, self._frame_ns = seat.seat, round(1e9 * seat.rates.frame_s)
+        self._space = IN_RADIANS if self.axes == POSE_AXES else IN_PLACES
         self._object_axes = POSE_AXES if kind_of(seat.object.kind).scene else self.axes
         self._row: Row = (0.0,) * (2 * self._object_axes)
         self._donations = DonationLimiter(seat.rates.frame_s, limits, power_left)
@@ -97,7 +99,7 @@ class PartnerPort(LatestStatePort[Partner]):
         (intent,) = newest.intents
         now_ns = self.next_step_ns - self._frame_ns
         age_s = 1e-9 * max(0, now_ns - intent.made_ns) if intent.made_ns else 0.0
-        there = tuple(ahead(intent.intention_m, intent.rate_mps, age_s))
+        there = tuple(ahead(intent.intention_m, intent.rate_mps, age_s, self._space))
         told = intent.stiffness_npm, self._donations.limit(intent.donated_j), 1e-9 * intent.made_ns
         self.up_reserve.update(self._donations.given_j - self._donations.passed_j)
         return there + intent.intention_m + intent.rate_mps + tuple([number for number in told for _ in range(axes)])

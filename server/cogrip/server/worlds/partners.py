@@ -25,7 +25,7 @@ def told_partners(
 ) -> Array:  # fmt: skip
     """Return to each person the object and all partners, in the hand's own frame.
 
-    turned: rotation vector and angular velocity of the object, shape (2, 3)
+    turned: rotation vector and angular velocity of the object, shape (2, 3), where they are not behind place and velocity
     rows, offset, holding: of all people: the inputs of a step, shape (n, 6, axes), and as a world has them
     """
     users = len(holding)

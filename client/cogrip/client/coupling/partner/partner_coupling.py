@@ -23,6 +23,7 @@ from cogrip.devices.device import Capability
 from cogrip.machine.addition import add_floats
 from cogrip.machine.rows import Row
 from cogrip.protocol.laws.partner_model import HORIZON_S, Model, ahead, step_object
+from cogrip.protocol.laws.poses import IN_PLACES, Places
 from cogrip.protocol.settings.seat import SeatSettings
 from cogrip.protocol.wire.clock import MessageClock
 from cogrip.protocol.wire.handle import Handle
@@ -36,9 +37,9 @@ MOST_TICKS = 64  # most ticks that the copy makes up for at once, where the loop
 class Known:
     """One partner as it was told last."""
 
-    def __init__(self, place_m: Sequence[float], frame_s: float) -> None:
-        self.model = Model(place_m)
-        self.trust = Trust(frame_s)
+    def __init__(self, place_m: Sequence[float], frame_s: float, space: Places) -> None:
+        self.model = Model(place_m, space)
+        self.trust = Trust(frame_s, space)
         self.intent: Intent | None = None
         self.trusted_npm = 0.0  # stiffness that it is told to have, as far as the model is trusted
         self.age_s = 0.0  # of the intention, now
@@ -49,7 +50,12 @@ class Known:
 
 
 class PartnerCoupling(LatestStateCoupling[Partner]):
-    """One's own copy of the object, models of the partners, and the gate at one's own spring."""
+    """One's own copy of the object, models of the partners, and the gate at one's own spring.
+
+    space: of the rows of copy, models and intentions
+    """
+
+    space = IN_PLACES
 
     def __init__(self, seat: SeatSettings) -> None:
         super().__init__(seat)
@@ -132,9 +138,10 @@ class PartnerCoupling(LatestStateCoupling[Partner]):
     def start_frame(self) -> int:
         self._stir()
         self.grip.end_frame()
+        own_m = self._own_m()
         for known in self.partners.values():
             known.silent_s += self._frame_s
-            known.trust.enter(self.intention.place_m, known.model.intention_m)
+            known.trust.enter(own_m, known.model.intention_m)
         if self._receiver.pop() and (latest := self._receiver.latest) is not None:
             places = len(self.still)  # the object's; in a scene its rotation is behind them
             self.object_state = latest.position_m[:places] + latest.velocity_mps[:places]
@@ -153,14 +160,19 @@ class PartnerCoupling(LatestStateCoupling[Partner]):
             model, before = known.model, known.stirred_m
             if before is not None and model.stiffness_npm:
                 share = 1.0 / (1.0 + self._spring[0] / model.stiffness_npm) if self._spring[0] else 0.0
-                for axis, (now, then) in enumerate(zip(model.intention_m, before, strict=True)):
-                    self.grip.stir(axis, share * (now - then))
+                for axis, moved in enumerate(self.space.way(before, model.intention_m)):
+                    self.grip.stir(axis, share * moved)
             known.stirred_m = list(model.intention_m)
+
+    def _own_m(self) -> Sequence[float]:
+        """Return what this hand intends, as its partners are told it."""
+        return self.intention.place_m
 
     def _take(self, intent: Intent) -> None:
         known = self.partners.get(intent.seat)
         if known is None:
-            known = self.partners[intent.seat] = Known(self._beginning(intent, self.place_m), self._frame_s)
+            begun_m = self._beginning(intent, self.place_m)
+            known = self.partners[intent.seat] = Known(begun_m, self._frame_s, self.space)
         before = known.intent
         if before is not None and before.made_ns >= intent.made_ns > 0:
             return
@@ -198,7 +210,7 @@ class PartnerCoupling(LatestStateCoupling[Partner]):
             self.intention.update(position_m, velocity_mps, self.applied_n, self.grip.stiffness_npm)
         for _ in range(ticks):
             self._step(position_m, velocity_mps, K, B)
-        stretch = [x - o for x, o in zip(position_m, self.place_m, strict=True)]
+        stretch = self._stretch(position_m)
         part = self.gate.cut(stretch, K)
         if part < 1.0:
             self._yield(position_m, stretch, part, ticks)
@@ -210,13 +222,18 @@ class PartnerCoupling(LatestStateCoupling[Partner]):
         self.local_n = [K * x + B * rate for x, rate in zip(position_m, velocity_mps, strict=True)]
         return force
 
+    def _stretch(self, position_m: Sequence[float]) -> list[float]:
+        """Return s."""
+        assert self.place_m is not None
+        return self.space.way(self.place_m, position_m)
+
     def _begin(self, position_m: Sequence[float]) -> None:
         """Begin with the object in the hand, at rest, its spring unstretched."""
         self.place_m, self.velocity_mps = list(position_m), [0.0] * len(position_m)
         self.intention.begin(position_m)
         self.release.begin()
         for known in self.partners.values():
-            known.model = Model(self._beginning(known.intent, position_m))
+            known.model = Model(self._beginning(known.intent, position_m), self.space)
             known.share, known.stirred_m = 0.0, None
 
     def _beginning(self, intent: Intent | None, place_m: Sequence[float] | None) -> Sequence[float]:
@@ -254,7 +271,7 @@ class PartnerCoupling(LatestStateCoupling[Partner]):
         elif known.share < 1.0:
             known.share = min(1.0, known.share + self._tick_s / GROW_S)
         model.stiffness_npm = known.trusted_npm * known.share
-        model.intention_m = ahead(intent.intention_m, intent.rate_mps, known.age_s)
+        model.intention_m = ahead(intent.intention_m, intent.rate_mps, known.age_s, self.space)
         return model
 
     def _yield(self, position_m: Sequence[float], stretch: Sequence[float], part: float, ticks: int) -> None:
@@ -296,14 +313,17 @@ class PartnerCoupling(LatestStateCoupling[Partner]):
         if self.place_m is not None:
             own, stiffness = self.intention, self.grip.stiffness_npm * self._hold * min(1.0, self._here_s / GROW_S)
             stiffness *= self.release.share
-            rate = tuple(own.rate_mps) if self.release.held else self.still
-            intents = (Intent(
-                self._seat.seat, self._clock_ns, tuple(own.place_m), rate, stiffness, self.gate.donated_j,
-            ),)  # fmt: skip
+            rate = own.rate_mps if self.release.held else self.still
+            place, rate = self._as_told(self._own_m()), self._as_told(rate)
+            intents = (Intent(self._seat.seat, self._clock_ns, place, rate, stiffness, self.gate.donated_j),)
         return encode(Partner(
             session, self._number, position_m, tuple(velocity_mps), intents, self._receiver.acknowledged, clock.stamp(now_ns),
             handle, port_j=self.reserve_j,
         ))  # fmt: skip
+
+    def _as_told(self, row: Sequence[float]) -> Row:
+        """Return a row as messages have it."""
+        return tuple(row)
 
     def receive(self, message: Partner) -> bool:
         if not message.of_axes(len(self.still)):

@@ -38,7 +38,7 @@ class PartnerSceneCoupling(PartnerCoupling):
         if self.copy is None and len(self._geoms) == geom.count:
             shapes = [self._geoms[number].shape for number in range(geom.count)]
             try:
-                self.copy = SceneCopy(shapes, self._seat.seat, self._tick_s)
+                self.copy = SceneCopy(shapes, self._seat.seat, self._tick_s, self.space)
             except CopyError:
                 self._geoms.clear()
                 return False
@@ -62,7 +62,14 @@ class PartnerSceneCoupling(PartnerCoupling):
     def _begin(self, position_m: Sequence[float]) -> None:
         super()._begin(position_m)
         assert self.copy is not None
-        self.copy.begin(position_m)
+        self.copy.begin(self._hand(position_m))
+
+    def _hand(self, position_m: Sequence[float]) -> Sequence[float]:
+        """Return a place of the hand as the copy has places."""
+        return position_m
+
+    def _stretch(self, position_m: Sequence[float]) -> list[float]:
+        return super()._stretch(self._hand(position_m))
 
     def _beginning(self, intent: Intent | None, place_m: Sequence[float] | None) -> Sequence[float]:
         """Return where the model of a partner begins: where that hand means to be, a tool as at rest there."""
@@ -78,7 +85,7 @@ class PartnerSceneCoupling(PartnerCoupling):
             if known.intent is not None and (model := self._aged(known)) and known.share > 0.0
         }
         try:
-            copy.step(position_m, velocity_mps, (K, B), held)
+            copy.step(self._hand(position_m), velocity_mps, (K, B), held)
         except CopyError:  # of numbers that no scene has: the hand feels nothing, and begins anew
             self._begin(position_m)
         self.place_m, self.velocity_mps = copy.place_m, copy.velocity_mps
@@ -95,4 +102,4 @@ class PartnerSceneCoupling(PartnerCoupling):
         self.copy, self._geoms = before.copy, before._geoms
 
     def receive(self, message: Partner) -> bool:
-        return message.of_axes(PLACES, POSE_AXES) and self._receiver.receive(message)
+        return message.of_axes(len(self.still), POSE_AXES) and self._receiver.receive(message)

@@ -9,7 +9,8 @@ The server owns the object. Of o, R its place and turn here, o^, R^ as told and 
     torque     I (w^2 e - 2 w R')         e: rotation from R to R^, MOST_TURN at most; always
     place      o moves by (o^ - o) T / DRAWN_S while no tool touches it here; else by what is beyond LOST_M alone
 
-What tools hold is where they hold it, and slips if it is drawn. It is turned, as hands that are told late tilt what they lift.
+What tools hold is where they hold it, and slips if it is drawn. It is turned, as hands that are told late tilt what they lift:
+not where tools turn (theory 5b.4), as those hold it against that, and then only by what is beyond LOST_RAD.
 """
 
 from collections.abc import Mapping, Sequence
@@ -19,16 +20,19 @@ import mujoco  # type: ignore[import-untyped]
 import numpy as np
 
 from cogrip.machine.rows import Row
-from cogrip.protocol.axes import PLACES
-from cogrip.protocol.drawing import MOST_COPIED, OBJECT_NUMBERS, Shape
+from cogrip.protocol.axes import PLACES, POSE_AXES
+from cogrip.protocol.drawing import MOST_COPIED, OBJECT_NUMBERS, TURNING_NUMBERS, WELDED_NUMBERS, Shape
 from cogrip.protocol.laws.partner_model import HORIZON_S, Model, ToolDrive, ahead
-from cogrip.protocol.laws.scene_contact import GEOM, IMPRATIO
+from cogrip.protocol.laws.poses import IN_PLACES, Places, Poses
+from cogrip.protocol.laws.rotations import UNTURNED, exp, inverse, log, turned
+from cogrip.protocol.laws.scene_contact import GEOM, IMPRATIO, WELD
 from cogrip.protocol.settings.types import MOST_PARTNERS
 
 SHIFTED_S = 0.1
 DRAWN_S = 0.1
 LOST_M = 0.05
 TURNED_PS = 200.0  # w
+LOST_RAD = 0.3
 MOST_TURN = 0.05  # largest e [rad]: hands that mean to turn it feel so much torque, until the server has it turned
 LOOKED_TICKS = 8  # ticks after which it is looked again which tools touch the object, and which may
 CLEAR_M, GAP_M = 0.0005, 0.1  # distance that a tool keeps as it comes, and the largest one that is measured
@@ -46,23 +50,34 @@ class CopyError(ValueError):
 
 
 class _Tool:
-    """A tool of the copy. solid: it touches what it meets; held: by a hand, or the model of one."""
+    """A tool of the copy.
+
+    solid   it touches what it meets
+    held    by a hand, or the model of one
+    turns   with its hand: it has the degrees of freedom `turning` and a quaternion
+    carried part of its weight that is carried while it is held
+    welded  where it is on the object, in the object's frame [m]; None for one that holds by contact
+    """
 
     def __init__(self, model: mujoco.MjModel, body: int) -> None:
-        first = int(model.jnt_dofadr[model.body_jntadr[body]])
-        self.dofs = slice(first, first + PLACES)
-        at = int(model.jnt_qposadr[model.body_jntadr[body]])
-        self.places = slice(at, at + PLACES)
+        joint = int(model.body_jntadr[body])
+        first, at = int(model.jnt_dofadr[joint]), int(model.jnt_qposadr[joint])
+        self.dofs, self.turning = slice(first, first + PLACES), slice(first + PLACES, first + POSE_AXES)
+        self.places, self.quaternion = slice(at, at + PLACES), slice(at + PLACES, at + PLACES + 4)
+        self.body, self.carried = body, float(model.body_gravcomp[body])
+        self.turns = int(model.jnt_type[joint]) == int(mujoco.mjtJoint.mjJNT_FREE)
+        self.welded: list[float] | None = model.body_pos[body].tolist() if body in model.eq_obj2id else None
         self.geoms = np.flatnonzero(model.geom_bodyid == body)
         self.bits = model.geom_contype[self.geoms].copy(), model.geom_conaffinity[self.geoms].copy()
         self.solid = self.held = False
 
 
 class SceneCopy:
-    """velocity_mps: of one's own tool. Raises CopyError."""
+    """space: of the rows of hands, tools and models. Raises CopyError."""
 
-    def __init__(self, shapes: Sequence[Shape], seat: int, tick_s: float) -> None:
-        self._seat, self._tick_s = seat, tick_s
+    def __init__(self, shapes: Sequence[Shape], seat: int, tick_s: float, space: Places = IN_PLACES) -> None:
+        self._seat, self._tick_s, self._space = seat, tick_s, space
+        self._length_m = space.length_m if isinstance(space, Poses) else 0.0
         self._model = model = _compiled(shapes, tick_s)
         self._data = data = mujoco.MjData(model)
         self._object = model.body("object").id
@@ -70,11 +85,14 @@ class SceneCopy:
         self._tools = {each: _Tool(model, model.body(f"tool {each}").id) for each in seats}
         if seat not in self._tools:
             raise CopyError("it has no tool for this seat")
+        if any(tool.turns != bool(self._length_m) for tool in self._tools.values()):
+            raise CopyError("its tools turn where hands don't, or the other way round")
+        self._welded = [(tool, at) for tool in self._tools.values() if (at := tool.welded) is not None]
         joint = int(model.body_jntadr[self._object])
         first, self._dof = int(model.jnt_qposadr[joint]), int(model.jnt_dofadr[joint])
         self._place, self._turn = slice(first, first + 3), slice(first + 3, first + 7)
         self._inertia = model.body_inertia[self._object].copy()
-        self.shift_m = np.zeros(PLACES)
+        self.shift_m = np.zeros(POSE_AXES if self._length_m else PLACES)
         self._aim: tuple[np.ndarray, np.ndarray, np.ndarray] | None = None  # place, velocity, orientation, as of now
         self._left_s = 0.0  # for which it goes on by its velocity
         self._tick = 0
@@ -86,14 +104,12 @@ class SceneCopy:
     @property
     def place_m(self) -> list[float]:
         """Place of one's own tool, where the gate has moved it to."""
-        found: list[float] = (self._data.qpos[self._tools[self._seat].places] + self.shift_m).tolist()
-        return found
+        return self._space.moved(self._at(self._tools[self._seat]), self.shift_m.tolist())
 
     @property
     def velocity_mps(self) -> list[float]:
         """Velocity of one's own tool."""
-        found: list[float] = self._data.qvel[self._tools[self._seat].dofs].tolist()
-        return found
+        return self._rates(self._tools[self._seat])
 
     @property
     def object_m(self) -> Row:
@@ -137,16 +153,16 @@ class SceneCopy:
         self.shift_m[:] = 0.0
         for tool in self._tools.values():
             self._let_go(tool)
-        self._take(self._tools[self._seat], position_m)
         if self._aim is not None:
             self._put()
+        self._take(self._tools[self._seat], position_m)
 
     def step(
         self, position_m: Sequence[float], velocity_mps: Sequence[float], spring: tuple[float, float],
         models: Mapping[int, Model],
     ) -> None:  # fmt: skip
         """Step by a tick: hand, and models of the partners who hold, by seat. Raises CopyError beyond all bounds."""
-        data, damping, T = self._data, self._model.dof_damping, self._tick_s
+        data, T = self._data, self._tick_s
         drives = []
         for seat, tool in self._tools.items():
             if seat == self._seat:
@@ -157,9 +173,8 @@ class SceneCopy:
             else:
                 if not tool.held:
                     model.place_m = self._enter(tool, model.place_m)
-                drive = ToolDrive(T, spring, model, data.qpos[tool.places].tolist())
-                data.qfrc_applied[tool.dofs] = drive.force_n
-                damping[tool.dofs] = drive.damping_nspm
+                drive = ToolDrive(T, spring, model, self._at(tool))
+                self._drive(tool, drive.force_n, drive.damping_nspm)
                 drives.append((drive, tool))
         self._draw()
         mujoco.mj_step1(self._model, data)
@@ -173,7 +188,7 @@ class SceneCopy:
             mujoco.mj_resetData(self._model, data)
             raise CopyError("it left all bounds")
         for drive, tool in drives:
-            drive.end(rates[tool.dofs].tolist())
+            drive.end(self._rates(tool))
 
     def _hold(
         self, tool: _Tool, position_m: Sequence[float], velocity_mps: Sequence[float], spring: tuple[float, float]
@@ -181,9 +196,34 @@ class SceneCopy:
         """Hold one's own tool by its spring, implicit in the tool's motion."""
         K, B = spring
         self.shift_m *= 1.0 - self._tick_s / SHIFTED_S
-        stretch = np.array(position_m) - self.shift_m - self._data.qpos[tool.places]
-        self._data.qfrc_applied[tool.dofs] = K * stretch + B * np.array(velocity_mps)
-        self._model.dof_damping[tool.dofs] = K * self._tick_s + B
+        space = self._space
+        stretch = space.way(self._at(tool), space.moved(position_m, (-self.shift_m).tolist()))
+        force = [K * s + B * v for s, v in zip(stretch, velocity_mps, strict=True)]
+        self._drive(tool, force, K * self._tick_s + B)
+
+    def _at(self, tool: _Tool) -> list[float]:
+        """Return place or pose of a tool."""
+        place: list[float] = self._data.qpos[tool.places].tolist()
+        if tool.turns:
+            place += [self._length_m * each for each in log(self._data.qpos[tool.quaternion].tolist())]
+        return place
+
+    def _rates(self, tool: _Tool) -> list[float]:
+        """Return its velocity, shape (axes,)."""
+        rates: list[float] = self._data.qvel[tool.dofs].tolist()
+        if tool.turns:  # MuJoCo has them in the tool's own frame
+            own = self._data.qvel[tool.turning].tolist()
+            rates += [self._length_m * each for each in turned(self._data.qpos[tool.quaternion].tolist(), own)]
+        return rates
+
+    def _drive(self, tool: _Tool, force_n: Sequence[float], damping_nspm: float) -> None:
+        """Hold a tool by a force, shape (axes,), beside a damper to ground."""
+        applied, damping, length = self._data.qfrc_applied, self._model.dof_damping, self._length_m
+        applied[tool.dofs], damping[tool.dofs] = force_n[:PLACES], damping_nspm
+        if tool.turns:
+            back = inverse(self._data.qpos[tool.quaternion].tolist())
+            applied[tool.turning] = turned(back, [length * each for each in force_n[PLACES:]])
+            damping[tool.turning] = length * length * damping_nspm
 
     def _put(self) -> None:
         """Put the object where the server has it."""
@@ -191,6 +231,15 @@ class SceneCopy:
         data = self._data
         data.qpos[self._place], data.qvel[self._dof : self._dof + 3], data.qpos[self._turn] = self._aim
         data.qvel[self._dof + 3 : self._dof + 6] = 0.0
+        self._carry()
+
+    def _carry(self) -> None:
+        """Put what is welded to the object where that has it."""
+        data, turn = self._data, self._data.qpos[self._turn]
+        for tool, at in self._welded:
+            data.qpos[tool.places] = data.qpos[self._place] + turned(turn.tolist(), at)
+            data.qpos[tool.quaternion] = turn
+            data.qvel[tool.dofs], data.qvel[tool.turning] = data.qvel[self._dof : self._dof + 3], 0.0
 
     def _draw(self) -> None:
         """Draw the object to where the server has it."""
@@ -206,23 +255,40 @@ class SceneCopy:
         angle = float(np.sqrt(np.add.reduce(turn * turn)))
         if angle > MOST_TURN:
             turn *= MOST_TURN / angle
-        data.qfrc_applied[self._dof + 3 : self._dof + 6] = self._inertia * TURNED_PS * (TURNED_PS * turn - 2.0 * rates)
+        torque = self._inertia * TURNED_PS * (TURNED_PS * turn - 2.0 * rates)
+        if self._length_m and self._touched and angle < LOST_RAD:
+            torque[:] = 0.0
+        data.qfrc_applied[self._dof + 3 : self._dof + 6] = torque
         off = place - data.qpos[self._place]
         far = float(np.sqrt(np.add.reduce(off * off)))
         free = LOST_M if self._touched else 0.0
         if far > free:
-            data.qpos[self._place] += (1.0 - free / far) * T / DRAWN_S * off
+            way = (1.0 - free / far) * T / DRAWN_S * off
+            data.qpos[self._place] += way
+            for tool, _ in self._welded:
+                data.qpos[tool.places] += way
 
     # Tools
 
     def _take(self, tool: _Tool, place_m: Sequence[float]) -> None:
-        self._data.qpos[tool.places], self._data.qvel[tool.dofs] = place_m, 0.0
+        """Put a tool into a hand; one that is welded stays where it is."""
         tool.held = True
+        self._model.body_gravcomp[tool.body] = tool.carried
+        if tool.welded is not None:
+            return
+        self._data.qpos[tool.places], self._data.qvel[tool.dofs] = place_m[:PLACES], 0.0
+        if isinstance(self._space, Poses):
+            self._data.qpos[tool.quaternion] = exp(self._space.radians(place_m))
+            self._data.qvel[tool.turning] = 0.0
 
     def _let_go(self, tool: _Tool) -> None:
-        """Leave a tool where it is, touching nothing."""
-        self._data.qvel[tool.dofs] = self._data.qfrc_applied[tool.dofs] = 0.0
-        self._model.dof_damping[tool.dofs] = 0.0
+        """Leave a tool where it is, touching nothing; one that is welded stays on the object."""
+        self._drive(tool, [0.0] * len(self.shift_m), 0.0)
+        if tool.welded is None:
+            self._model.body_gravcomp[tool.body] = 1.0
+            self._data.qvel[tool.dofs] = 0.0
+            if tool.turns:
+                self._data.qvel[tool.turning] = 0.0
         tool.held = False
         self._touch(tool, False)
 
@@ -239,7 +305,8 @@ class SceneCopy:
         pairs, depths = contact.geom, contact.dist
         of_object = model.geom_bodyid[pairs] == self._object
         by_tool = np.isin(pairs, np.concatenate([tool.geoms for tool in self._tools.values()]))
-        self._touched = bool(np.any(of_object.any(axis=1) & by_tool.any(axis=1) & (depths < 0.0)))
+        touched = bool(np.any(of_object.any(axis=1) & by_tool.any(axis=1) & (depths < 0.0)))
+        self._touched = touched or any(tool.held for tool, _ in self._welded)
         for tool in self._tools.values():
             if tool.held and not tool.solid and self._gap(tool) >= 0.0:
                 self._touch(tool, True)
@@ -261,19 +328,21 @@ class SceneCopy:
 
         A hand that presses means to be inside of the object: its tool would touch nothing there.
         """
-        place, middle = np.array(place_m), self._data.qpos[self._place]
+        if tool.welded is not None:
+            self._take(tool, place_m)
+            return self._at(tool)
+        place, middle, turn = np.array(place_m[:PLACES]), self._data.qpos[self._place], place_m[PLACES:]
         way = place - middle
         far = float(np.sqrt(np.add.reduce(way * way)))
         way = way / far if far else np.array((0.0, 0.0, 1.0))
         for _ in range(MOST_MOVES):
-            self._take(tool, place.tolist())
+            self._take(tool, (*place.tolist(), *turn))
             mujoco.mj_kinematics(self._model, self._data)
             gap = self._gap(tool)
             if gap >= 0.0:
                 break
             place += (CLEAR_M - gap) * way
-        begun: list[float] = place.tolist()
-        return begun
+        return [*place.tolist(), *turn]
 
 
 def _compiled(shapes: Sequence[Shape], tick_s: float) -> mujoco.MjModel:
@@ -298,6 +367,8 @@ def _compiled(shapes: Sequence[Shape], tick_s: float) -> mujoco.MjModel:
             body = bodies[name] = spec.worldbody.add_body(name=name, explicitinertial=True)
             if shape.object:
                 _weigh_object(option, body, solid.inertia)
+            elif len(solid.inertia) > 1:
+                _weigh_turning(spec, body, solid.inertia)
             else:
                 _weigh_tool(body, solid.inertia)
         geom = body.add_geom(
@@ -331,3 +402,21 @@ def _weigh_tool(body: mujoco.MjsBody, inertia: Sequence[float]) -> None:
     for axis in np.eye(3):
         body.add_joint(type=mujoco.mjtJoint.mjJNT_SLIDE, axis=axis)
     body.gravcomp, body.mass, body.inertia = 1.0, inertia[0], np.full(3, 1e-4 * inertia[0])
+
+
+def _weigh_turning(spec: mujoco.MjSpec, body: mujoco.MjsBody, inertia: Sequence[float]) -> None:
+    """Give a tool that turns its mass and moments, and the weld by which it holds the object, if any."""
+    if len(inertia) not in (TURNING_NUMBERS, WELDED_NUMBERS) or not dist(inertia[7:11], (0.0,) * 4) > 0.0:
+        raise CopyError("a tool that turns has no moments")
+    body.add_freejoint()
+    body.gravcomp, body.mass = inertia[11], inertia[0]
+    body.ipos, body.inertia, body.iquat = inertia[1:4], inertia[4:7], inertia[7:11]
+    if len(inertia) == WELDED_NUMBERS:
+        body.pos = inertia[TURNING_NUMBERS:]
+        weld = spec.add_equality(
+            type=mujoco.mjtEq.mjEQ_WELD, objtype=mujoco.mjtObj.mjOBJ_BODY, name1="object", name2=body.name
+        )
+        # Anchor, place and orientation in the object, and the part of a torque beside a force.
+        weld.data[:11] = 0.0, 0.0, 0.0, *inertia[TURNING_NUMBERS:], *UNTURNED, 1.0
+        for key, value in WELD.items():
+            setattr(weld, key, value)

@@ -16,6 +16,7 @@ from collections import deque
 from collections.abc import Sequence
 
 from cogrip.machine.addition import add_floats
+from cogrip.protocol.laws.poses import IN_PLACES, Places
 
 MEAN_S = 2.0  # time constant of the means
 ROUGH_M = 0.001  # r: intentions that differ by less tell nothing
@@ -29,8 +30,8 @@ class Trust:
     share  w
     """
 
-    def __init__(self, frame_s: float) -> None:
-        self._frame_s = frame_s
+    def __init__(self, frame_s: float, space: Places = IN_PLACES) -> None:
+        self._frame_s, self._space = frame_s, space
         self._past: deque[tuple[Sequence[float], Sequence[float]]] = deque(maxlen=max(2, round(KEPT_S / frame_s)))
         self._pole = min(1.0, frame_s / MEAN_S)
         self._both = self._square = 0.0
@@ -46,8 +47,7 @@ class Trust:
         if back > len(self._past):
             return
         own, taken = self._past[-back]
-        felt = [e - other for e, other in zip(own, taken, strict=True)]
-        right = [e - other for e, other in zip(own, intention_m, strict=True)]
+        felt, right = self._space.way(taken, own), self._space.way(intention_m, own)
         self._both += self._pole * (add_floats([d * y for d, y in zip(felt, right, strict=True)]) - self._both)
         self._square += self._pole * (add_floats([d * d for d in felt]) - self._square)
         rough = ROUGH_M * ROUGH_M

@@ -6,7 +6,7 @@ Whoever joins is told so, and refused, before a device is held (`cogrip.cli.sess
 from collections.abc import Sequence
 
 from cogrip.client.coupling.partner.partner_coupling import PartnerCoupling
-from cogrip.protocol.axes import PLACES, POSE_AXES
+from cogrip.protocol.axes import POSE_AXES
 from cogrip.protocol.wire.messages import Geom, Partner
 
 
@@ -17,7 +17,7 @@ class UncopiedScene(PartnerCoupling):
         return True
 
     def receive(self, message: Partner) -> bool:
-        return message.of_axes(PLACES, POSE_AXES) and self._receiver.receive(message)
+        return message.of_axes(len(self.still), POSE_AXES) and self._receiver.receive(message)
 
     def force(self, position_m: Sequence[float], velocity_mps: Sequence[float]) -> Sequence[float]:
         return self.still

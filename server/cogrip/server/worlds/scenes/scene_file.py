@@ -24,7 +24,7 @@ import numpy as np
 from cogrip.machine.addition import add_integers
 from cogrip.machine.trial import MEMORY_BYTES, TrialLimitError, tried
 from cogrip.protocol.axes import PLACES, POSE_AXES
-from cogrip.protocol.laws.scene_contact import CONTACT_DAMPING_PS, CONTACT_RATE_PS2, CONTACT_SHARE, GEOM, IMPRATIO
+from cogrip.protocol.laws.scene_contact import GEOM, IMPRATIO, WELD
 from cogrip.protocol.settings.sections import Settings
 from cogrip.protocol.settings.types import PINCH, Orientation, Side
 from cogrip.protocol.texts import shown
@@ -59,12 +59,6 @@ APART_M = 0.05  # distance between added tools of one side
 FINGER_M, FINGER_APART_M = 0.004, 0.006
 """Radius of the balls of a gripper's faces, and their distance from the middle of each face along its sides."""
 
-HOLD_RATE_PS2, HOLD_DAMPING_PS = 4.0 * CONTACT_RATE_PS2, 2.0 * CONTACT_DAMPING_PS
-"""Kappa and beta of a weld, which is to store little."""
-_EQUALITY = {
-    "solimp": GEOM["solimp"],
-    "solref": (-HOLD_RATE_PS2 * (1.0 - CONTACT_SHARE), -HOLD_DAMPING_PS * (1.0 - CONTACT_SHARE)),
-}
 _LIMIT = {"solimp_limit": GEOM["solimp"], "solref_limit": GEOM["solref"], "margin": GEOM["margin"]}
 """Limits of joints and tendons at the ends of their ranges. A hinge's margin is in radians."""
 STICTION_SHARE = 0.9999
@@ -574,7 +568,7 @@ def _complete(spec: mujoco.MjSpec, options: Set[str], step_s: float) -> tuple[tu
         ("geom", spec.geoms, fixed.add_geom(), GEOM),
         ("pair", spec.pairs, fresh.add_pair(), GEOM),
         ("flex", spec.flexes, fresh.add_flex(), GEOM),
-        ("equality", spec.equalities, fresh.add_equality(), _EQUALITY),
+        ("equality", spec.equalities, fresh.add_equality(), WELD),
         ("joint", [joint for joint in spec.joints if np.any(joint.frictionloss)], fixed.add_joint(), friction),
         ("joint", _limited(spec.joints), fixed.add_joint(), _LIMIT),
         ("tendon", [tendon for tendon in spec.tendons if np.any(tendon.frictionloss)], fresh.add_tendon(), friction),

@@ -11,8 +11,9 @@ from collections.abc import Sequence
 import mujoco  # type: ignore[import-untyped]
 import numpy as np
 
-from cogrip.protocol.axes import PLACES
-from cogrip.protocol.laws.rotations import UNTURNED, Quaternion, exp, inverse, product
+from cogrip.machine.rows import Vector
+from cogrip.protocol.axes import PLACES, POSE_AXES
+from cogrip.protocol.laws.rotations import UNTURNED, Quaternion, exp, inverse, product, turned
 from cogrip.server.worlds.orientation_drift import Array, DriftCorrection
 from cogrip.server.worlds.scenes.scene_file import Scene
 from cogrip.server.worlds.world import turn
@@ -40,6 +41,22 @@ class TurningPorts(DriftCorrection):
         if user in self.drift:
             self._held[user] = product(inverse(self._tool(data, user)), exp(rotation_rad))
             self.begin(user)
+
+    def put(self, data: mujoco.MjData, user: int, rotation_rad: Sequence[float]) -> None:
+        """Turn a driven tool as its hand is turned, at rest."""
+        if user in self._held:
+            at, dof = self._quaternion(user), self._tools[user].dof
+            data.qpos[at] = product(exp(rotation_rad), self._begun[at].tolist())
+            data.qvel[dof + PLACES : dof + POSE_AXES] = 0.0
+
+    def rates(self, data: mujoco.MjData, user: int) -> Vector:
+        """Return the angular velocity of a tool that turns, in the world's frame."""
+        dof = self._tools[user].dof
+        return turned(data.qpos[self._quaternion(user)].tolist(), data.qvel[dof + PLACES : dof + POSE_AXES].tolist())
+
+    def in_tool(self, data: mujoco.MjData, user: int, torque_nm: Sequence[float]) -> Vector:
+        """Return a torque of the world's frame in the tool's own."""
+        return turned(inverse(data.qpos[self._quaternion(user)].tolist()), torque_nm)
 
     def turned(self, data: mujoco.MjData, user: int) -> Quaternion:
         """Return how the proxy of a hand is turned: R_tool D; R_tool, the turn from its start, of a tool that is not driven."""
