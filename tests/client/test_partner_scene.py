@@ -152,6 +152,11 @@ def test_a_copy_that_leaves_all_bounds_begins_anew_in_the_hand() -> None:
     assert copy is not None
     copy._data.qvel[:] = np.nan
     assert list(coupling.force((0.01, 0.0, 0.0), AT_REST)) == pytest.approx([0.0] * 3)
+    assert not coupling.implausible
+    frame(coupling, told(1))
+    assert coupling.implausible == "copy of the scene begun anew"
+    frame(coupling, told(2))
+    assert not coupling.implausible, "it is counted once"
     assert copy.place_m == pytest.approx((0.01, 0.0, 0.0))
     assert copy.object_m == pytest.approx(BOX_M)
     coupling.force((0.011, 0.0, 0.0), AT_REST)

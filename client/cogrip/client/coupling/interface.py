@@ -69,7 +69,7 @@ class Coupling:
         local_n        part of the law that follows the hand's own motion
         reduced        whether less than the settings ask for is rendered
         absorbs        whether rendering less absorbs a part of what returns
-        implausible    whether the wave of this frame was larger than any device like this one brings about
+        implausible    what is counted of this frame, as no device or scene brings it about; "" for nothing
         returning      v held over this frame, `sent` u of the last one [sqrt(W)]; 0 without waves
         object_state   positions and velocities of the object as last received, shape (2 axes,)
         down_margin_j  least margin of the line down; None where no ledger of one direction is kept
@@ -90,7 +90,8 @@ class Coupling:
         self.ramp_gain = 1.0
         self.cut_n: Sequence[float] | None = None
         self.local_n: Sequence[float] = (0.0,) * axes
-        self.reduced = self.implausible = False
+        self.reduced = False
+        self.implausible = ""
         self.still: Row = (0.0,) * axes
         self.returning: Row = self.still
         self.sent: Row = (0.0,) * axes

@@ -228,8 +228,9 @@ class WaveCoupling(Coupling):
         most = self._most_wave
         if self._made_nspm != self.b:
             wave = self._read(wave, ticks)
-        self.implausible = max(wave) > most or min(wave) < -most
-        if self.implausible:
+        self.implausible = ""
+        if max(wave) > most or min(wave) < -most:
+            self.implausible = "wave beyond what the device can bring about"
             wave = tuple([min(max(v, -most), most) for v in wave])
         self.returning = self.down.filter.step(wave, ticks)
 

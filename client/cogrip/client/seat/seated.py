@@ -381,7 +381,7 @@ class SeatedClient:
         if self.tick >= self._wave_end:
             self._start_frame(self.tick)
             if coupling.implausible:
-                safety.note("wave beyond what the device can bring about")
+                safety.note(coupling.implausible)
             if coupling.played:  # datagrams come in bursts: a buffered frame played on schedule shows a live link, too
                 session.mark_fresh(now_ns)
         self._acted = self.tick

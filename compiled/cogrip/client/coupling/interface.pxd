@@ -27,7 +27,7 @@ cdef class Coupling:
     cdef public bint reduced
     cdef public bint turns
     cdef public bint absorbs
-    cdef public bint implausible
+    cdef public str implausible
     cdef public tuple still
     cdef public tuple returning
     cdef public tuple sent

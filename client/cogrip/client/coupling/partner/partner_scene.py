@@ -23,6 +23,7 @@ class PartnerSceneCoupling(PartnerCoupling):
         super().__init__(seat)
         self._geoms: dict[int, Geom] = {}
         self.copy: SceneCopy | None = None
+        self._begun_anew = ""  # name under which that is counted
         self._told = -1  # number of the newest state that the copy knows
 
     # The copy
@@ -46,6 +47,7 @@ class PartnerSceneCoupling(PartnerCoupling):
 
     def start_frame(self) -> int:
         ticks = super().start_frame()
+        self.implausible, self._begun_anew = self._begun_anew, ""
         latest = self._receiver.latest
         if self.copy is not None and latest is not None and latest.number != self._told:
             self._told = latest.number
@@ -88,6 +90,7 @@ class PartnerSceneCoupling(PartnerCoupling):
             copy.step(self._hand(position_m), velocity_mps, (K, B), held)
         except CopyError:  # of numbers that no scene has: the hand feels nothing, and begins anew
             self._begin(position_m)
+            self._begun_anew = "copy of the scene begun anew"
         self.place_m, self.velocity_mps = copy.place_m, copy.velocity_mps
 
     def _yield(self, position_m: Sequence[float], stretch: Sequence[float], part: float, ticks: int) -> None:
