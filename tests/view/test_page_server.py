@@ -191,9 +191,8 @@ async def test_control_frames_are_bounded_until_the_token_is_admitted(opcode):
 
 
 async def test_whoever_says_no_hello_is_ended(monkeypatch):
-    monkeypatch.setattr(access, "HELLO_S", 0.01)
     async with shown_page() as shown:
-        monkeypatch.setattr(access, "HELLO_S", 0.0)  # the request had its time
+        monkeypatch.setattr(access, "HELLO_S", 0.0)  # the request has its own time, as the server began with it
         client = await RawClient.upgraded(shown.server.port)
         assert await client.closed() == 4408
         assert await shown.until_refused(1) == {"no hello in time": 1}
