@@ -43,13 +43,14 @@ def said(program: str) -> str:
 @needs_kernel
 @pytest.mark.parametrize("size", [16, 100, 400, 600, 4000, 50_000])
 def test_objects_of_each_size_lie_in_large_pages_once_they_are_asked_for(size: int) -> None:
+    """One of the 84 largest may lie in what was free before."""
     program = f"""
 before = [bytes({size} + n % 2) for n in range(100)]
 use_large_pages()
 use_large_pages()
 count = (6 << 20) // {size}
 made = [bytes({size} + n % 2) for n in range(count)]
-print(share(before) < 0.1, share(made[count // 3:]) > 0.99)
+print(share(before) < 0.1, share(made[count // 3:]) > 0.98)
 """
     assert said(program) == "True True"
 
