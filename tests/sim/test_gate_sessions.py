@@ -6,6 +6,7 @@ from cogrip.client.coupling.partner.spring_gate import SpringGate
 from cogrip.client.coupling.partner.trust import Trust
 
 from tests.extent import every
+from tests.interpreted import needs_interpreted
 from tests.sim.gate_sessions import POWER_W, outcome_of
 
 SESSIONS = 300
@@ -29,12 +30,14 @@ def stiff_models(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(Trust, "stiffness_npm", lambda self, told, own, spring: min(2.0 * told, 400.0))
 
 
+@needs_interpreted
 @pytest.mark.usefixtures("stiff_models")
 @pytest.mark.parametrize("seed", [0, 1])
 def test_gates_hold_where_models_are_wrong(seed: int) -> None:
     assert outcome_of(seed, liars=0).spare_j >= -1e-9
 
 
+@needs_interpreted
 @pytest.mark.usefixtures("stiff_models")
 @pytest.mark.parametrize("seed", [0, 1])
 def test_without_gates_hands_take_what_nobody_put_in(seed: int, monkeypatch: pytest.MonkeyPatch) -> None:

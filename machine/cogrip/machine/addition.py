@@ -4,7 +4,7 @@ The built-in `sum` of floats is compensated from Python 3.12 on, and plain befor
 0.9999999999999999. A recording must play again bit for bit on either, so nothing in this project calls `sum` itself.
 """
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 
 
 def add_floats(values: Iterable[float]) -> float:
@@ -12,6 +12,14 @@ def add_floats(values: Iterable[float]) -> float:
     total = 0.0
     for value in values:
         total += value
+    return total
+
+
+def add_products(a: Sequence[float], b: Sequence[float]) -> float:
+    """Return the plain sum of products of two rows of one length, each operation rounded once."""
+    total = 0.0
+    for place, value in enumerate(a):
+        total += value * b[place]
     return total
 
 

@@ -7,7 +7,7 @@ Each frame:  `end_frame`, then `message` returns what is sent; `start_frame` pla
 
 from collections.abc import Sequence
 from math import inf
-from typing import Any, Generic, TypeVar
+from typing import Any
 
 from cogrip.devices.device import Capability
 from cogrip.machine.rows import Row
@@ -18,9 +18,7 @@ from cogrip.protocol.settings.seat import SeatSettings
 from cogrip.protocol.wire.accounts import LineAccount, LinkCount, PlayoutAccount
 from cogrip.protocol.wire.clock import MessageClock
 from cogrip.protocol.wire.handle import Handle
-from cogrip.protocol.wire.messages import Geom, Latest
-
-L = TypeVar("L", bound=Latest)
+from cogrip.protocol.wire.messages import Geom
 
 
 class PortEnergy:
@@ -74,11 +72,8 @@ class Coupling:
         object_state   positions and velocities of the object as last received, shape (2 axes,)
         down_margin_j  least margin of the line down; None where no ledger of one direction is kept
         down_reserve   its energy reserve
-        credit_left    credit that the line down leaves to the next one, per axis [W] (SPEC 5.4)
         turns          whether it asks by `turn` how the tool is turned, which lengths do not tell
     """
-
-    credit_left = inf
 
     def __init__(self, seat: SeatSettings) -> None:
         self.absorbs = False
@@ -136,6 +131,15 @@ class Coupling:
     def entered_j(self) -> float:
         """Return the energy that the hand put in: into the line, unless there is something between the two."""
         return self.port_j
+
+    @property
+    def credit_left(self) -> float:
+        """Credit that the line down leaves to the next one, per axis [W] (SPEC 5.4)."""
+        return inf
+
+    @credit_left.setter
+    def credit_left(self, left: float) -> None:
+        """Do nothing: there is no line of waves."""
 
     def given_j(self) -> float:
         """Return the energy that the other end gave this one, less what it took up to the last frame that ended."""
@@ -242,12 +246,12 @@ class Coupling:
         return None
 
 
-class LatestStateCoupling(Coupling, Generic[L]):
+class LatestStateCoupling(Coupling):
     """Base of the couplings whose newest message wins. One that is missing leaves no gap: the last one stands."""
 
     def __init__(self, seat: SeatSettings) -> None:
         super().__init__(seat)
-        self._receiver: StateReceiver[L] = StateReceiver()
+        self._receiver: StateReceiver[Any] = StateReceiver()
         self._number = -1
         self._peak_n, self._lag_s = inf, 0.0  # of the device
 

@@ -39,7 +39,7 @@ HORIZON_S = 8.0 / 1024.0  # time over which the energy left is spread, so that a
 SOFT_NPS = 410.0  # largest slope of the force while the controller holds it
 
 
-class PassivityControl(LatestStateCoupling[Power]):
+class PassivityControl(LatestStateCoupling):
     """Observer of the energy at the hand, and controller of the force by what it has observed."""
 
     def __init__(self, seat: SeatSettings) -> None:

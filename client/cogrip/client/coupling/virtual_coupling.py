@@ -20,7 +20,7 @@ from cogrip.protocol.wire.handle import Handle
 from cogrip.protocol.wire.messages import State, encode
 
 
-class VirtualCoupling(LatestStateCoupling[State]):
+class VirtualCoupling(LatestStateCoupling):
     """A spring and a damper at the device rate, to the newest object state received."""
 
     def __init__(self, seat: SeatSettings) -> None:

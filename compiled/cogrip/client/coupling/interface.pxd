@@ -51,3 +51,10 @@ cdef class Coupling:
     )
     cpdef bint receive(self, message) except -1
     cpdef tuple recorded(self)
+
+
+cdef class LatestStateCoupling(Coupling):
+    cdef public object _receiver
+    cdef public long long _number
+    cdef public double _peak_n
+    cdef public double _lag_s

@@ -34,11 +34,11 @@ class Poses(Places):
 
     def way(self, begin: Sequence[float], end: Sequence[float]) -> list[float]:
         turned = between(exp(self.radians(begin)), exp(self.radians(end)))
-        return super().way(begin[:PLACES], end[:PLACES]) + [self.length_m * each for each in turned]
+        return Places.way(self, begin[:PLACES], end[:PLACES]) + [self.length_m * each for each in turned]
 
     def moved(self, begin: Sequence[float], way: Sequence[float]) -> list[float]:
         turned = log(product(exp(self.radians(way)), exp(self.radians(begin))))
-        return super().moved(begin[:PLACES], way[:PLACES]) + [self.length_m * each for each in turned]
+        return Places.moved(self, begin[:PLACES], way[:PLACES]) + [self.length_m * each for each in turned]
 
     def radians(self, row: Sequence[float]) -> list[float]:
         """Return the rotation of a pose, or of a way [rad]."""

@@ -7,8 +7,8 @@ energy of this copy passes a line, so no work is counted.
 from collections.abc import Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 
+from cogrip.machine.rows import Row
 from cogrip.protocol.laws.partner_model import Model, step_object
 from cogrip.protocol.settings.seat import SeatSettings
 from cogrip.server.worlds.world import Array, HandWorld
@@ -17,26 +17,32 @@ STEPS_A_FRAME = (
     2  # steps of object and models in a frame: 8 move the object by 0.1 mm at most, and cost 1.4 times as much
 )
 
-NOT_TURNED: Array = np.zeros((2, 0))
-
 
 def told_partners(
-    place_m: Array, velocity_mps: Array, rows: Array, offset: Array, holding: NDArray[np.bool_], turned: Array = NOT_TURNED
-) -> Array:  # fmt: skip
+    object_state: tuple[Sequence[float], Sequence[float]], rows: Sequence[Sequence[float]], offsets: Sequence[Sequence[float]],
+    holding: Sequence[bool],
+) -> list[list[float]]:  # fmt: skip
     """Return to each person the object and all partners, in the hand's own frame.
 
-    turned: rotation vector and angular velocity of the object, shape (2, 3), where they are not behind place and velocity
-    rows, offset, holding: of all people: the inputs of a step, shape (n, 6, axes), and as a world has them
+    object_state             place and velocity of the object, each with its rotation behind it or without
+    rows, offsets, holding   of all people: the inputs of a step, and as a world has them
     """
-    users = len(holding)
-    told = np.concatenate((rows[:, 1:2] - offset[:, None, :], rows[:, 2:]), axis=1)  # (users, 5, axes)
-    told[~holding] = 0.0
-    answers = np.repeat(told[np.newaxis], users, axis=0)
-    answers[:, :, 0] += offset[:, None, :]
-    turn, moving = (
-        np.repeat(each[np.newaxis], users, axis=0) for each in (turned[0], np.concatenate((velocity_mps, turned[1])))
-    )
-    return np.concatenate((place_m + offset, turn, moving, answers.reshape(users, -1)), axis=1)
+    axes = len(offsets[0])
+    place, velocity = object_state
+    intended = [
+        [x - at for x, at in zip(row[axes : 2 * axes], own, strict=True)] if held else [0.0] * axes
+        for row, own, held in zip(rows, offsets, holding, strict=True)
+    ]
+    rests = [row[2 * axes :] if held else [0.0] * (4 * axes) for row, held in zip(rows, holding, strict=True)]
+    answers = []
+    for own in offsets:
+        answer = [x + at for x, at in zip(place, own, strict=False)]
+        answer += (*place[axes:], *velocity)
+        for there, rest in zip(intended, rests, strict=True):
+            answer += [x + at for x, at in zip(there, own, strict=True)]
+            answer += rest
+        answers.append(answer)
+    return answers
 
 
 class PartnersWorld(HandWorld):
@@ -58,31 +64,32 @@ class PartnersWorld(HandWorld):
         self.speed[user] = 0.0
 
     def step(self, inputs: Array) -> Array:
-        axes, users = self.axes, len(self.holding)
-        rows = inputs.reshape(users, 6, axes)
-        here = rows[:, :2] - self.offset[:, None, :]  # intentions, now and as they were told, in the object's frame
-        held = np.flatnonzero(self.holding).tolist()
-        models = []
-        for user in held:
-            model = Model(self.hand[user].tolist())
-            model.velocity_mps = self.speed[user].tolist()
-            model.intention_m, model.stiffness_npm = here[user, 0].tolist(), float(rows[user, 3, 0])
-            models.append(model)
+        return np.array(self.advance(inputs.tolist()))
+
+    def advance(self, rows: Sequence[Row]) -> Sequence[Sequence[float]]:
+        axes, offsets, holding = self.axes, self.offset.tolist(), self.holding.tolist()
+        hands, speeds = self.hand.tolist(), self.speed.tolist()
         place, velocity = self.position.tolist(), self.velocity.tolist()
-        if held:
+        models = {}
+        for user, row in enumerate(rows):
+            if holding[user]:
+                models[user] = model = Model(hands[user])
+                model.velocity_mps = speeds[user]
+                model.intention_m = [x - at for x, at in zip(row[:axes], offsets[user], strict=True)]
+                model.stiffness_npm = row[3 * axes]
+        if models:
             # All springs are those of the room: the first person's stands for them.
-            K, B = float(self.target_stiffness[held[0], 0]), float(self.target_damping[held[0], 0])
+            first = next(iter(models))
+            K, B = float(self.target_stiffness[first, 0]), float(self.target_damping[first, 0])
+            period, held = self.frame_s / STEPS_A_FRAME, list(models.values())
             for _ in range(STEPS_A_FRAME):
-                step_object(
-                    self.frame_s / STEPS_A_FRAME, place, velocity, self.mass_kg, self.object_damping, (K, B), models
-                )
-            for user, model in zip(held, models, strict=True):
+                step_object(period, place, velocity, self.mass_kg, self.object_damping, (K, B), held)
+            for user, model in models.items():
                 stretch = zip(model.place_m, place, model.velocity_mps, velocity, strict=True)
                 self.force[user] = [K * (x - o) + B * (speed - v) for x, o, speed, v in stretch]
-            self.stiffness[held], self.damping[held] = K, B
+                self.hand[user], self.speed[user] = model.place_m, model.velocity_mps
+                self.stiffness[user], self.damping[user] = K, B
         else:
             place = [at + self.frame_s * rate for at, rate in zip(place, velocity, strict=True)]
         self.position, self.velocity = np.array(place), np.array(velocity)
-        for user, model in zip(held, models, strict=True):
-            self.hand[user], self.speed[user] = model.place_m, model.velocity_mps
-        return told_partners(self.position, self.velocity, rows, self.offset, self.holding)
+        return told_partners((place, velocity), rows, offsets, holding)

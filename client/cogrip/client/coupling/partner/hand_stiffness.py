@@ -22,7 +22,7 @@ from math import exp, log
 from typing import NamedTuple
 
 from cogrip.devices.device import Capability
-from cogrip.machine.addition import add_floats
+from cogrip.machine.addition import add_products
 from cogrip.protocol.laws.partner_model import HAND_NSPM
 
 HAND_NPM = 150.0  # k_0, of a hand of which nothing is known
@@ -125,11 +125,11 @@ class HandStiffness:
             for part in range(3)
         )
         own = [at + each / self.stiffness_npm for at, each in zip(x, g, strict=True)]
-        square = add_floats([each * each for each in z])
+        square = add_products(z, z)
         self._zz += square
-        self._zr += square * (add_floats([each * each for each in own]) + ROUGH_M * ROUGH_M)
-        self._zg += add_floats([a * b for a, b in zip(z, g, strict=True)])
-        self._zx += add_floats([a * b for a, b in zip(z, x, strict=True)])
+        self._zr += square * (add_products(own, own) + ROUGH_M * ROUGH_M)
+        self._zg += add_products(z, g)
+        self._zx += add_products(z, x)
         if self._zz <= 0.0:
             return
         weight = PRIOR_M_PER_N**2 * self._zz / (2.0 * self._span * self._zr)  # w / p

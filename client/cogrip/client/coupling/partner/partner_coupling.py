@@ -9,7 +9,6 @@ gate at its own spring bounds (`spring_gate`). Symbols: x hand, o copy, s = x - 
 
 from collections.abc import Sequence
 from math import inf
-from operator import mul
 
 from msgspec.structs import replace
 
@@ -20,7 +19,7 @@ from cogrip.client.coupling.partner.release import Release
 from cogrip.client.coupling.partner.spring_gate import BUDGET_J, SpringGate
 from cogrip.client.coupling.partner.trust import Trust
 from cogrip.devices.device import Capability
-from cogrip.machine.addition import add_floats
+from cogrip.machine.addition import add_products
 from cogrip.machine.rows import Row
 from cogrip.protocol.laws.partner_model import HORIZON_S, Model, ahead, step_object
 from cogrip.protocol.laws.poses import IN_PLACES, Places
@@ -49,16 +48,15 @@ class Known:
         self.stirred_m: list[float] | None = None  # where its intention was taken to be, a frame ago
 
 
-class PartnerCoupling(LatestStateCoupling[Partner]):
+class PartnerCoupling(LatestStateCoupling):
     """One's own copy of the object, models of the partners, and the gate at one's own spring.
 
     space: of the rows of copy, models and intentions
     """
 
-    space = IN_PLACES
-
     def __init__(self, seat: SeatSettings) -> None:
         super().__init__(seat)
+        self.space = self._space_of(seat)
         axes, self._tick_s = seat.object.axes, seat.rates.tick_s
         self._spring = seat.coupling.stiffness_npm, seat.coupling.damping_nspm
         self._mass_kg, self._damping_nspm = seat.object.mass_kg, seat.object.damping_nspm
@@ -78,6 +76,10 @@ class PartnerCoupling(LatestStateCoupling[Partner]):
         self._stored_j = 0.0
         self._clock_ns = 0  # server's time at the newest message, less what has passed here since
         self._worked_j = self._granted_j = 0.0  # of the gate as this line began, where the hand had one before
+
+    def _space_of(self, seat: SeatSettings) -> Places:
+        """Return the space of a seat."""
+        return IN_PLACES
 
     # The ledger
 
@@ -118,7 +120,7 @@ class PartnerCoupling(LatestStateCoupling[Partner]):
 
     def elapse(self, mean_velocity_mps: Sequence[float], velocity_mps: Sequence[float], hold: float = 1.0) -> None:
         if hold == 1.0:  # of a hand that leaves these velocities are how it moved before: `force` sees how it moves
-            power = add_floats(list(map(mul, self.applied_n, mean_velocity_mps)))
+            power = add_products(self.applied_n, mean_velocity_mps)
             self.gate.work.add(power * self._tick_s)
         self._elapsed += 1
         self._hold = hold
@@ -198,7 +200,7 @@ class PartnerCoupling(LatestStateCoupling[Partner]):
         assert self.place_m is not None
         if self._hold < 1.0:
             moved = [x - before for x, before in zip(position_m, self._at_m, strict=True)]
-            self.gate.work.add(add_floats([force * way for force, way in zip(self.applied_n, moved, strict=True)]))
+            self.gate.work.add(add_products(self.applied_n, moved))
         self._at_m = position_m
         K, B = self._rendered()
         ticks, self._elapsed = min(MOST_TICKS, max(1, self._elapsed)), 0

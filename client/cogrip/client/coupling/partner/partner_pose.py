@@ -18,7 +18,7 @@ from cogrip.client.coupling.interface import Coupling
 from cogrip.client.coupling.partner.partner_scene import PartnerSceneCoupling
 from cogrip.machine.rows import Row, Vector
 from cogrip.protocol.axes import PLACES
-from cogrip.protocol.laws.poses import Poses
+from cogrip.protocol.laws.poses import Places, Poses
 from cogrip.protocol.laws.rotations import UNTURNED, exp, inverse, log, product
 from cogrip.protocol.settings.seat import SeatSettings
 from cogrip.protocol.wire.clock import MessageClock
@@ -32,11 +32,14 @@ class PartnerPoseCoupling(PartnerSceneCoupling):
     """See above."""
 
     def __init__(self, seat: SeatSettings) -> None:
-        self.space = self._poses = Poses(seat.coupling.length_scale)
         super().__init__(seat)
         self.turns = True
         self._sample: tuple[Sequence[float], Sequence[float]] = self.still, UNTURNED  # q_s and R_s
         self._between: tuple[Sequence[float], Sequence[float]] = _NOWHERE, UNTURNED  # x_0 and D
+
+    def _space_of(self, seat: SeatSettings) -> Places:
+        self._poses = Poses(seat.coupling.length_scale)
+        return self._poses
 
     def turn(self, position_m: Row, rotation_rad: Row) -> None:
         self._sample = position_m, exp(rotation_rad)

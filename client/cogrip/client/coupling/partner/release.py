@@ -12,7 +12,7 @@ told, and what was last known stays.
 from collections.abc import Sequence
 
 from cogrip.client.coupling.partner.hand_stiffness import DeviceDrag
-from cogrip.machine.addition import add_floats
+from cogrip.machine.addition import add_products
 
 FILTER_S = 0.003
 LASTING_S = 0.005
@@ -45,8 +45,8 @@ class Release:
             gained = v - speeds[axis]
             speeds[axis] += pole * gained
             hand.append(forces[axis] + self._inertia * gained + drag.force(speeds[axis]))
-        own = add_floats([each * each for each in hand])
-        loaded = add_floats([each * each for each in forces])
+        own = add_products(hand, hand)
+        loaded = add_products(forces, forces)
         if not self.held:
             self.held = own > max(AGAIN_N * AGAIN_N, HELD * HELD * loaded)
             self._free = 0

@@ -20,7 +20,7 @@ losses, order and numbers of people do: nothing of them is in it.
 from collections.abc import Sequence
 from math import sqrt
 
-from cogrip.machine.addition import add_floats
+from cogrip.machine.addition import add_products
 from cogrip.protocol.line.energy_sums import CompensatedSum
 from cogrip.protocol.settings.coupling_kinds import GATE_MJ
 
@@ -78,7 +78,7 @@ class SpringGate:
             return 1.0
         kept = max(0.0, self._spare_before_j) * (1.0 - self._tick_s / FADE_S)
         most = 2.0 * max(0.0, self.budget_j - DAMPED_J - kept) / stiffness_npm
-        square = add_floats([each * each for each in stretch_m])
+        square = add_products(stretch_m, stretch_m)
         self._reduced = square > most
         return sqrt(most / square) if self._reduced else 1.0
 
@@ -87,9 +87,9 @@ class SpringGate:
         damping_nspm: float,
     ) -> Sequence[float]:  # fmt: skip
         """Return the damper's force that may act, and settle the tick: steps (2), (3) and the refill at rest."""
-        self.stored_j = stored = 0.5 * stiffness_npm * add_floats([each * each for each in stretch_m])
+        self.stored_j = stored = 0.5 * stiffness_npm * add_products(stretch_m, stretch_m)
         self.ticks += 1
-        speed = sqrt(add_floats([each * each for each in velocity_mps]))
+        speed = sqrt(add_products(velocity_mps, velocity_mps))
         if self._coming_j:
             part = self._coming_j * min(1.0, self._tick_s / DONATED_S)
             self._coming_j -= part
@@ -107,8 +107,8 @@ class SpringGate:
             self._spare_before_j = free - DAMPED_J
             return [0.0 if self._gave_out else damping_nspm * rate for rate in velocity_mps]
         self._below = self._gave_out = False
-        if add_floats([force * rate for force, rate in zip(damper_n, velocity_mps, strict=True)]) < 0.0:
-            size = sqrt(add_floats([each * each for each in damper_n]))
+        if add_products(damper_n, velocity_mps) < 0.0:
+            size = sqrt(add_products(damper_n, damper_n))
             take = size * max(AHEAD * speed, DAMPER_MPS) * FADE_S
             if take > free - DAMPED_J:
                 part = max(0.0, free - DAMPED_J) / take

@@ -15,7 +15,7 @@ their force:
 from collections import deque
 from collections.abc import Sequence
 
-from cogrip.machine.addition import add_floats
+from cogrip.machine.addition import add_products
 from cogrip.protocol.laws.poses import IN_PLACES, Places
 
 MEAN_S = 2.0  # time constant of the means
@@ -48,8 +48,8 @@ class Trust:
             return
         own, taken = self._past[-back]
         felt, right = self._space.way(taken, own), self._space.way(intention_m, own)
-        self._both += self._pole * (add_floats([d * y for d, y in zip(felt, right, strict=True)]) - self._both)
-        self._square += self._pole * (add_floats([d * d for d in felt]) - self._square)
+        self._both += self._pole * (add_products(felt, right) - self._both)
+        self._square += self._pole * (add_products(felt, felt) - self._square)
         rough = ROUGH_M * ROUGH_M
         self.share = min(1.0, max(0.0, (self._both + rough) / (self._square + rough)))
 

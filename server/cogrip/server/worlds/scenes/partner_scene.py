@@ -82,10 +82,11 @@ class PartnersScene(DrivenScene):
             relative = self.speed[user] - self._rates(user)
             force = self.target_stiffness[user] * stretch + self.target_damping[user] * relative
             self.force[user] = force * self._units[user]
-        if self.axes == POSE_AXES:
-            return told_partners(self.position, self.velocity, rows, self.offset, self.holding)
-        turned = np.array((log(self.orientation.tolist()), self.object.velocity(POSE_AXES)[PLACES:]))
-        return told_partners(self.position, self.velocity, rows, self.offset, self.holding, turned)
+        place, velocity = self.position.tolist(), self.object.velocity(POSE_AXES).tolist()
+        if self.axes == PLACES:
+            place += log(self.orientation.tolist())
+        state = place, velocity
+        return np.array(told_partners(state, inputs.tolist(), self.offset.tolist(), self.holding.tolist()))
 
     def between_steps(self) -> None:
         for user, drive in self._drives.items():
