@@ -8,7 +8,8 @@ from hypothesis import strategies as st
 
 from cogrip.protocol.laws.waves import wave_of
 from cogrip.protocol.settings.room import for_remote_clients, resolve
-from cogrip.protocol.settings.sections import HUMAN_POWER_W, REMOTE_FORCE_N, REMOTE_SPEED_MPS, Settings
+from cogrip.protocol.settings.sections import REMOTE_FORCE_N, REMOTE_SPEED_MPS, Settings
+from cogrip.protocol.settings.types import HUMAN_POWER_W
 from cogrip.protocol.wire.messages import NO_BOUND, Stamp, State
 from cogrip.server.ports.seat_limits import (
     BURST_S,

@@ -18,7 +18,7 @@ from cogrip.devices.settings import Positive
 from cogrip.devices.simulated.phantom import PhantomPlant
 from cogrip.machine.addition import add_floats
 from cogrip.machine.rows import Row
-from cogrip.protocol.settings.sections import HUMAN_POWER_W
+from cogrip.protocol.settings.types import HUMAN_POWER_W
 
 BURST_S = 0.05  # time over which the hand's power fills the energy budget
 SILENCE_S = 0.1  # time without a pointer message after which the hand lets go; one comes every 50 ms while it holds

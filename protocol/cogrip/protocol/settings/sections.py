@@ -21,7 +21,6 @@ from cogrip.protocol.settings.rates import DeviceHz, Hz
 from cogrip.protocol.settings.task import Task
 from cogrip.protocol.settings.types import Name, Seconds, Seed, Side
 
-HUMAN_POWER_W = 10.0  # mean power of a hand on a hand-sized device (docs/security.md)
 REMOTE_FORCE_N = 40.0  # peak force that a record may claim: as strong as the arms on the market
 REMOTE_SPEED_MPS = 4.0
 REMOTE_TORQUE_NM = 3.0
@@ -95,7 +94,7 @@ class Admission(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     speed_mps: types.RecordBound | None = None
     torque_nm: types.RecordBound | None = None
     speed_radps: types.RecordBound | None = None
-    power_w: types.Watts = HUMAN_POWER_W  # mean power of a seat; 0: F V of its record
+    power_w: types.Watts = types.HUMAN_POWER_W  # mean power of a seat; 0: F V of its record
 
 
 class User(HandSection, frozen=True, forbid_unknown_fields=True):

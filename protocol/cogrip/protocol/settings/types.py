@@ -29,6 +29,7 @@ RecordBound = Annotated[float, msgspec.Meta(gt=0.0, le=1e6)]
 Seed = Annotated[int, msgspec.Meta(ge=0, le=2**53)]
 Seconds = Annotated[float, msgspec.Meta(gt=0.0, le=1e6)]
 SeatNumber = Annotated[int, msgspec.Meta(ge=0, le=255)]
+HUMAN_POWER_W = 10.0  # mean power of a hand on a hand-sized device (docs/security.md)
 PINCH = "pinch"  # tool of a hand with a gripper; "pinch:BODY" is a body of the scene
 MOST_PARTNERS = 7  # most partners whose intentions one message has room for
 MOST_WAVES = 78  # most waves of one datagram, over all axes
