@@ -17,6 +17,8 @@ from cogrip.results.verdict.gates import HandWork, hand_work, judge_gates, least
 from cogrip.results.verdict.verdict import passive
 from cogrip.results.writing.laboratory_run import run_laboratory
 
+from tests.interpreted import needs_interpreted
+
 SECONDS = 3.0
 
 
@@ -56,6 +58,7 @@ def test_a_session_within_its_budgets_is_passive_by_its_recordings(honest: tuple
         assert hand_work(end).work_j == pytest.approx(own, abs=1e-9)
 
 
+@needs_interpreted
 def test_hands_that_take_more_than_their_gates_may_give_are_not_passive_whatever_their_clients_say(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
