@@ -47,4 +47,4 @@ class Poses(Places):
 
 IN_PLACES = Places()
 IN_RADIANS = Poses(1.0)
-"""Of rows whose rotation vectors are in radians, as messages have them."""
+"""Space of rows whose rotation vectors are in radians, as messages have them."""
