@@ -101,7 +101,12 @@ LARGEST: dict[str, messages.AnyMessage] = {
     "geom": messages.Geom(BIG, 1024, 1023, "mesh", ROW, 1023, ROW, TURNED, (0.1,) * 4, 255, True, b"t" * 990),
     "mark": messages.Mark(BIG, MOST, "m" * messages.MARK_BYTES, MOST, 255, MOST),
     "set hand": messages.SetHand(
-        BIG, MOST, MOST, HandChange(0.3, 0.3, TURNED, True, WorkspaceLimit("box", (-(10**7), 10**7) * 3), True)
+        BIG,
+        MOST,
+        MOST,
+        HandChange(
+            0.3, 0.3, TURNED, True, WorkspaceLimit("box", (-(10**7), 10**7) * 3), True, 9.1, 0.3, "balanced", 0.1, 0.1
+        ),
     ),
     "effects": messages.Effects(
         BIG, MOST, (MOST,) * 16, 0.1, MOST, Effect("vibration", ROW, ROW, ROW, (ROW,) * MOST_POINTS, *[0.1] * 8)
@@ -248,7 +253,7 @@ def test_the_largest_legal_messages_are_read_and_fit_a_datagram_when_they_are_en
     largest = {name: len(encode(message)) for name, message in LARGEST.items()}
     assert largest == {
         "hello": 964, "welcome": 1022, "refuse": 485, "waves": 1187, "state": 303, "power": 468, "heartbeat": 39, "leave": 1193,
-        "farewell": 767, "view": 1008, "person": 424, "bodies": 1193, "geom": 1159, "mark": 122, "set hand": 123,
+        "farewell": 767, "view": 1008, "person": 424, "bodies": 1193, "geom": 1159, "mark": 122, "set hand": 168,
         "effects": 702, "edges": 161, "redirect": 579, "restart": 16, "note": 316,
     }  # fmt: skip
     proxied = msgspec.structs.replace(LARGEST["waves"], waves=(0.1,) * 72, state=(0.1,) * 18)

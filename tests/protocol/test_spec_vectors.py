@@ -230,6 +230,9 @@ def cases(kind: str, bound: str, old: Any) -> list[tuple[Any, bool]]:
     if kind == "int, or text":
         range_, _, names = bound.partition(", or ")
         return [*cases("int", range_, old), *cases("text", names, old), (1.0, False), (True, False), (None, False)]
+    if kind == "real or text":
+        range_, _, names = bound.partition(", or ")
+        return [*cases("real", range_, old), *cases("text", names, old), (True, False)]
     if kind.endswith(" or nil"):
         return [*cases(kind.removesuffix(" or nil"), bound, old), (None, True)]
     if kind in ("int", "real"):

@@ -313,6 +313,10 @@ class LiveClient:
         """Change the person's own hand settings."""
         try:
             change = parsed(shlex.split(text))
+            if others := list(change.of_line()):
+                raise ValueError(
+                    f"{others[0]} is the room's; its administrator changes it: cogrip set {seat.user} {text}"
+                )
             if why := unfit(change, seat.object.axes):
                 raise ValueError(why)
         except ValueError as error:

@@ -34,6 +34,8 @@ cdef class Room:
     cdef public object unstable
     cdef public list left
     cdef public long long put_back
+    cdef public object changes
+    cdef public tuple _ramps
 
     @cython.locals(seat=Seat)
     cpdef bint is_deserted(self) except -1

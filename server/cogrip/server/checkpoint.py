@@ -7,6 +7,8 @@ nothing that was lost can push it.
 import msgspec
 
 from cogrip.protocol.foreign_file import ForeignFileError
+from cogrip.protocol.settings.hand import UNSET, HandChange
+from cogrip.protocol.settings.settable import RoomChange
 from cogrip.protocol.settings.tool_frame import ToolFrame
 from cogrip.server.ports.seat_limits import ClaimedRecord
 
@@ -14,7 +16,7 @@ VERSION = 1
 
 
 class SeatCheckpoint(msgspec.Struct, frozen=True):
-    """One seat. ticket: hash of the session ticket, never the ticket; tool: told last, None for that of the settings."""
+    """One seat. ticket: hash of the session ticket, never the ticket; tool, line: told last, None for those of the settings."""
 
     user: str
     session: int
@@ -23,12 +25,14 @@ class SeatCheckpoint(msgspec.Struct, frozen=True):
     token: str
     record: ClaimedRecord | None
     tool: ToolFrame | None = None
+    line: HandChange = UNSET
 
 
 class RoomCheckpoint(msgspec.Struct, frozen=True):
     """One room. scene: digest of its scene of rigid bodies, coordinates: of all of them; both empty where it has none.
 
     progress: measures of its contacts and its task so far (`World.progress`); empty where it has none
+    changes: what was set of it since it began
     """
 
     version: int
@@ -41,6 +45,7 @@ class RoomCheckpoint(msgspec.Struct, frozen=True):
     scene: str = ""
     coordinates: tuple[float, ...] = ()
     progress: tuple[float, ...] = ()
+    changes: RoomChange = RoomChange()
 
 
 class CheckpointError(ForeignFileError, ValueError):

@@ -7,7 +7,6 @@ from msgspec.structs import replace
 
 from cogrip.protocol.line.received_waves import ReceivedWaves
 from cogrip.protocol.secure.channel import Address
-from cogrip.protocol.settings.hand import unfit
 from cogrip.protocol.settings.rates import NS_PER_S
 from cogrip.protocol.settings.sections import Settings
 from cogrip.protocol.texts import clipped, shown
@@ -71,6 +70,7 @@ class ServerCore:
             inputs.Idle: self._idle,
             inputs.Mark: self._mark,
             inputs.SetHand: self._set_hand,
+            inputs.SetRoom: self._set_room,
             inputs.TriggerWritten: self._trigger,
             inputs.CloseLedger: lambda given, _: None,
         }
@@ -301,13 +301,22 @@ class ServerCore:
             for seat in room.seats if given.room in ("", room.name) else ():
                 if seat.name != given.user or seat.state != "seated" or seat.hand.full:
                     continue
-                if unfit(given.change, seat.settings.object.axes):
+                if seat.settings.unfit_change(given.change):
                     continue
                 count += 1
                 room.set_hand(seat.number, given.change)
+                self._report_mark(room, room.markers.add(f"set {seat.name} {given.change.text}", room.steps))
                 for told in seat.hand.untold(seat.session):
                     self._out.send(told, seat.address)
         return count
+
+    def _set_room(self, given: inputs.SetRoom, now_ns: int) -> int:
+        """Change each room that can have the change. Return their number."""
+        rooms = [room for room in self.rooms if given.room in ("", room.name) and not room.unfit_change(given.change)]
+        for room in rooms:
+            room.change(given.change)
+            self._report_mark(room, room.markers.add(f"set {given.change.text}", room.steps))
+        return len(rooms)
 
     def _receive_report(self, room: Room, seat: Seat, message: SetHand) -> None:
         """Handle a client's report of its hand settings, which it repeats until it is acknowledged."""

@@ -7,6 +7,7 @@ from typing import Annotated
 import msgspec
 
 from cogrip.protocol.settings.hand import HandChange
+from cogrip.protocol.settings.settable import RoomChange
 from cogrip.server.checkpoint import RoomCheckpoint
 
 
@@ -82,6 +83,13 @@ class SetHand(msgspec.Struct, frozen=True, tag_field="kind", tag="set_hand"):
     room: str = ""
 
 
+class SetRoom(msgspec.Struct, frozen=True, tag_field="kind", tag="set_room"):
+    """Change settings of a room. room: "" for every one that can have the change."""
+
+    change: RoomChange
+    room: str = ""
+
+
 class TriggerWritten(msgspec.Struct, frozen=True, tag_field="kind", tag="trigger_written"):
     """A marker reached the trigger line as this code, so long after it was asked for, and so long before this input."""
 
@@ -107,6 +115,7 @@ ServerInput = (
     | Idle
     | Mark
     | SetHand
+    | SetRoom
     | TriggerWritten
     | CloseLedger
 )

@@ -17,6 +17,7 @@ from cogrip.protocol.settings.hand import HandChange
 from cogrip.protocol.settings.rates import NS_PER_S
 from cogrip.protocol.settings.room import seat_settings
 from cogrip.protocol.settings.sections import Settings
+from cogrip.protocol.settings.settable import LEAST_MASS_KG, RoomChange
 from cogrip.protocol.wire import messages
 from cogrip.protocol.wire.accounts import RoomAccount, SeatAccount
 from cogrip.protocol.wire.button_edges import EdgeReceiver, bits_of
@@ -32,8 +33,10 @@ from cogrip.server.seats.hand_changes import SentChanges
 from cogrip.server.seats.markers import RoomMarkers
 from cogrip.server.seats.observers import ObserverSlots
 from cogrip.server.seats.participants import Seat
+from cogrip.server.seats.ramp import Ramp
 from cogrip.server.seats.restoration import place_again, put_back
 from cogrip.server.seats.seat_account import account_of
+from cogrip.server.seats.spring_ramp import LEAST_NSPM, SpringRamp
 from cogrip.server.seats.stiffness_adaptation import StiffnessAdapter
 from cogrip.server.worlds.departures import Departure, let_leave, watch_object
 from cogrip.server.worlds.world import WorldError
@@ -72,6 +75,8 @@ class Room:
         self.steps = 0
         self.ticks: Callable[[], TickCount] = lambda: TickCount(due=self.steps, run=self.steps)
         self.travel_m, self.put_back = 0.0, 0
+        self.changes = RoomChange()  # what was set of the room since it began
+        self._ramps: tuple[tuple[Ramp, Callable[[float], None]], ...] = ()  # of what was set, once anything was
         self.unstable = ""
         self.left: list[Departure] = []
 
@@ -89,10 +94,13 @@ class Room:
         power_left = min(1.0, seat.power_left + rested_s / BURST_S)
         seat.begin(session, nonce, now_ns)
         seat.farewell, seat.rtt_ns = b"", None
-        seat.hand = SentChanges(seat.settings, self.settings.rates.network_hz, hand)
+        seat.hand = SentChanges(seat.begins_with, self.settings.rates.network_hz, hand)
+        self._begin_line(seat)
         seat.record, seat.reserved_until_ns = record, None
         seat.limits = self.limits(number)
         seat.port = port = self._scheme.make_port(seat.settings, seat.limits, power_left)
+        if seat.hand.line.impedance_nspm is not None or seat.hand.line.prefer is not None:
+            port.let_impedance_change()
         port.credit_left = seat.credit_left  # all seat sessions together lend one credit
         seat.adapter = None
         if port.loops is not None and self.world.can_adapt_stiffness:
@@ -104,6 +112,16 @@ class Room:
         seat.close_seat_session()
         self._tell_geometry(number)
         self.world.start_ledger(number)
+
+    def _begin_line(self, seat: Seat) -> None:
+        """Give a seat that begins the line and the spring of its settings, with what was changed where a session goes on."""
+        seat.settings = seat.begins_with.changed(seat.hand.line)
+        if seat.spring is None and seat.settings is seat.begins_with:
+            return
+        seat.spring = SpringRamp(seat.settings)
+        if self.world.can_adapt_stiffness:
+            self.world.set_target_stiffness(seat.number, seat.settings.rendered_npm)
+            self.world.set_damping(seat.number, seat.settings.coupling.damping_nspm)
 
     def resume_seat(self, number: int, now_ns: int) -> None:
         """Resume a seat session from another address."""
@@ -151,9 +169,49 @@ class Room:
         """
         seat = self.seats[number]
         frame = seat.hand.add(change)
-        if seat.port is not None and seat.record is not None:
+        if seat.port is None:
+            return
+        if seat.record is not None:
             seat.limits = seat.limits.or_more(limits_of(seat.record, self.settings, number, frame))
             seat.port.set_limits(seat.limits)
+        if change.impedance_nspm is not None or change.prefer is not None:
+            seat.port.let_impedance_change()
+        if change.of_spring():
+            self._change_spring(seat)
+
+    def _change_spring(self, seat: Seat) -> None:
+        """Have the spring go to what was set; the world pays for one that grows stiffer under load (theory 3.7)."""
+        if seat.spring is None:
+            seat.spring = SpringRamp(seat.settings)
+            self.world.lend(seat.number)
+        seat.settings = now = seat.begins_with.changed(seat.hand.line)
+        seat.spring.aim(now)
+        if seat.adapter is not None:
+            seat.adapter.use_stiffness(now.coupling.stiffness_npm)
+
+    def change(self, change: RoomChange) -> None:
+        """Have the object go to what was set of it."""
+        world = self.world
+        if not self._ramps:
+            frame_s = 1.0 / self.settings.rates.network_hz
+            self._ramps = (
+                (Ramp(world.mass_kg, LEAST_MASS_KG, frame_s), world.set_mass),
+                (Ramp(world.object_damping, LEAST_NSPM, frame_s), world.set_object_damping),
+            )
+        for (ramp, _), goal in zip(self._ramps, (change.object_mass_kg, change.object_damping_nspm), strict=True):
+            if goal is not None:
+                ramp.goal = goal
+        self.changes = change.after(self.changes)
+
+    def unfit_change(self, change: RoomChange) -> str:
+        """Return why this room cannot have a change, "" where it can."""
+        if self.world.can_change_object:
+            return ""
+        coupling, kind = self.settings.coupling.kind, self.settings.object.kind
+        return (
+            f'{change.text.partition("=")[0]} cannot change with coupling.kind = "{coupling}" and object.kind = "{kind}": '
+            "the bodies are the scene's, or a client's own copy, or nothing moves; restart the room"
+        )
 
     def limited(self, number: int) -> dict[str, int]:
         """Return how often a seat was limited so far, by reason."""
@@ -174,7 +232,7 @@ class Room:
         here, seats = self.world_step.motion()[: self._axes], tuple([seat.checkpoint() for seat in self.seats])
         placed, progress = self.world.coordinates(), self.world.progress.save()
         return RoomCheckpoint(
-            VERSION, self.name, self.digest, here, self.travel_m, self.steps, seats, *placed, progress
+            VERSION, self.name, self.digest, here, self.travel_m, self.steps, seats, *placed, progress, self.changes
         )
 
     def restore(self, checkpoint: RoomCheckpoint, now_ns: int) -> None:
@@ -183,6 +241,8 @@ class Room:
             raise CheckpointError(f"it is of room {checkpoint.room!r} with other settings ({checkpoint.digest})")
         place_again(self.world, self.seats, checkpoint)
         self.travel_m, self.steps = checkpoint.travel_m, checkpoint.steps
+        if checkpoint.changes != RoomChange():
+            self.change(checkpoint.changes)
         for seat, before in zip(self.seats, checkpoint.seats, strict=True):
             seat.restore(before)
             if before.ticket:
@@ -230,6 +290,9 @@ class Room:
         if self.is_deserted():
             self.idle(1)
             return []
+        for ramp, apply in self._ramps:
+            if (value := ramp.update()) is not None:
+                apply(value)
         answers = self._advance(self._pop(frames, now_ns))
         state, work = self.world_step.motion(), self.world_step.port_work_j()
         self.effects.follow(self.steps)
@@ -375,7 +438,17 @@ class Room:
                 target_npm = seat.adapter.update()
                 if target_npm is not None:
                     world.set_target_stiffness(number, target_npm)
+            if seat.spring is not None:
+                self._follow_spring(seat)
         return rows
+
+    def _follow_spring(self, seat: Seat) -> None:
+        spring = seat.spring
+        assert spring is not None
+        if (stiffness_npm := spring.stiffness.update()) is not None and seat.adapter is None:
+            self.world.set_target_stiffness(seat.number, stiffness_npm)
+        if (damping_nspm := spring.damping.update()) is not None:
+            self.world.set_damping(seat.number, damping_nspm)
 
     def _give_handle(self, number: int, handle: EdgeReceiver) -> None:
         """Pass a person's button edges, orientation and grip to the world."""

@@ -17,6 +17,7 @@ from cogrip.server.io.control import (
     NotRunningError,
     OrderReply,
     SetHandOrder,
+    SetRoomOrder,
     WhoOrder,
     ask,
 )
@@ -54,7 +55,10 @@ def server_at(folder: StateFolder) -> ServerRecord | None:
 
 
 def answer_of(
-    command: str, order: WhoOrder | KickOrder | MarkOrder | SetHandOrder | DrainOrder, state: Path | None, port: int
+    command: str,
+    order: WhoOrder | KickOrder | MarkOrder | SetHandOrder | SetRoomOrder | DrainOrder,
+    state: Path | None,
+    port: int,
 ) -> tuple[OrderReply, Path]:
     """Return the running server's answer, and its state folder.
 

@@ -14,6 +14,7 @@ from cogrip.machine.rows import Row
 from cogrip.protocol.line.energy_reserve import EnergyReserve
 from cogrip.protocol.line.energy_sums import CompensatedSum
 from cogrip.protocol.line.latest_state import StateReceiver
+from cogrip.protocol.settings.hand import HandChange
 from cogrip.protocol.settings.seat import SeatSettings
 from cogrip.protocol.wire.accounts import LineAccount, LinkCount, PlayoutAccount
 from cogrip.protocol.wire.clock import MessageClock
@@ -236,6 +237,14 @@ class Coupling:
         """Begin as this line of the same seat ended; `fit` comes after."""
         self.down_margin_j = before.down_margin_j  # of all lines: the new one begins with 0
         self.credit_left = before.credit_left  # all lines together lend one credit
+
+    def change(self, seat: SeatSettings) -> None:
+        """Go by these settings of line and spring from now on."""
+        self._seat = seat
+
+    def line_held(self) -> HandChange:
+        """Return the line's settings as they hold; nothing where there is no line of waves, or none was changed."""
+        return HandChange()
 
     def seat_now(self) -> SeatSettings:
         """Return the seat's settings with what is in use in place of what was to begin with."""

@@ -8,7 +8,8 @@ most.
 
 from cogrip.protocol.line.line_in_use import LoopFollower
 from cogrip.protocol.line.loop_meter import LoopMeter
-from cogrip.protocol.settings.line_tuning import Tuning, bounded, filter_lag_s
+from cogrip.protocol.settings.hand import HandChange
+from cogrip.protocol.settings.line_tuning import Tuning, bounded, corner_hz, filter_lag_s
 from cogrip.protocol.settings.seat import SeatSettings
 
 LEAST_FRAMES = 8
@@ -28,21 +29,44 @@ class LineTuner:
         self._frames = max(LEAST_FRAMES, seat.playout.redundancy)
         self._follower = LoopFollower(seat.loop_s, seat.line.prefer, self._frame_s, self._frames)
         self._waited = 0
+        self._changed = False  # since the line began, by the administrator
         self.carried_nspm = self._impedance_nspm
         self.now = self._goal = self._suited()
 
     def _suited(self) -> Tuning:
         """Return what suits the loop that is gone by; what settings give as a number stays so."""
-        line = self._line
+        line, fixed_nspm = self._line, self._impedance_nspm
+        if self._changed:
+            fixed_nspm = min(fixed_nspm, self.carried_nspm)
         found = self._seat.tuning_on(self._follower.loop_s, self.carried_nspm)
         return Tuning(
-            found.impedance_nspm if line.auto_impedance else self._impedance_nspm,
+            found.impedance_nspm if line.auto_impedance else fixed_nspm,
             found.filter_lag_s if line.auto_filter else filter_lag_s(line.wave_filter_hz),
         )
 
+    def change(self, seat: SeatSettings) -> None:
+        """Go by these settings from now on; a number is taken as far as the device carries it."""
+        self._seat, self._line, self._changed = seat, seat.line, True
+        self._impedance_nspm = seat.coupling.impedance_nspm
+        before = self._follower
+        self._follower = LoopFollower(before.loop_s, seat.line.prefer, self._frame_s, self._frames)
+        self._goal = self._suited()
+
+    def held(self) -> HandChange:
+        """Return what holds of what was changed; nothing where nothing was."""
+        if not self._changed:
+            return HandChange()
+        line, goal = self._line, self._suited()
+        corner = round(corner_hz(goal.filter_lag_s), 9)
+        return HandChange(
+            impedance_nspm="auto" if line.auto_impedance else bounded(goal.impedance_nspm),
+            wave_filter_hz="auto" if line.auto_filter else corner,
+            prefer=line.prefer,
+        )
+
     def go_on_from(self, before: "LineTuner") -> None:
-        """Begin with the loop that another line of the same seat went by."""
-        self._follower = before._follower
+        """Begin with the loop that another line of the same seat went by, and with what was changed there."""
+        self._follower, self._changed = before._follower, before._changed
 
     def begin(self) -> Tuning:
         """Return what the line begins with."""
@@ -57,7 +81,7 @@ class LineTuner:
             self._waited = 0
             self._follower.update(loops)
             self._goal = self._suited()
-            if self._line.auto_impedance:
+            if b != self._goal.impedance_nspm:
                 b = bounded(_nearer(b, self._goal.impedance_nspm, b * (self._follower.factor - 1.0)))
         if lag_s != self._goal.filter_lag_s:
             lag_s = _nearer(lag_s, self._goal.filter_lag_s, min(GENTLE * (lag_s + self._frame_s), RATE * self._frame_s))

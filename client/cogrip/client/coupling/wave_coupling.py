@@ -35,6 +35,7 @@ from cogrip.protocol.laws.waves import device_gain, wave_of
 from cogrip.protocol.line.line_in_use import ImpedanceChanges
 from cogrip.protocol.line.loop_meter import LoopMeter
 from cogrip.protocol.line.waves_encoding import encode_waves
+from cogrip.protocol.settings.hand import HandChange
 from cogrip.protocol.settings.line_tuning import Tuning, corner_hz
 from cogrip.protocol.settings.seat import SeatSettings
 from cogrip.protocol.wire.accounts import LineAccount, LinkCount, PlayoutAccount
@@ -56,9 +57,33 @@ class WaveCoupling(Coupling):
     """
 
     __slots__ = (
-        "_acknowledged", "_answered", "_applied", "_began", "_filters_hz", "_from_displacement", "_half_tick_s",
-        "_impedances", "_late_ticks", "_made_nspm", "_most_motion", "_most_wave", "_ratio", "_series", "_since",
-        "_tick_s", "_tuner", "b", "down", "down_reserve", "energy", "forward", "late", "loops", "root", "up",
+        "_acknowledged",
+        "_answered",
+        "_applied",
+        "_began",
+        "_device_nspm",
+        "_filters_hz",
+        "_from_displacement",
+        "_half_tick_s",
+        "_impedances",
+        "_late_ticks",
+        "_made_nspm",
+        "_most_motion",
+        "_most_wave",
+        "_ratio",
+        "_series",
+        "_since",
+        "_tick_s",
+        "_tuner",
+        "b",
+        "down",
+        "down_reserve",
+        "energy",
+        "forward",
+        "late",
+        "loops",
+        "root",
+        "up",
     )  # fmt: skip
 
     def __init__(self, seat: SeatSettings) -> None:
@@ -70,6 +95,7 @@ class WaveCoupling(Coupling):
         self.root = device_gain(self.b)
         self._half_tick_s = 0.5 * tick_s
         self._tuner = LineTuner(seat) if seat.line.live else None
+        self._device_nspm = self.b  # impedance that the device carries
         self._since = 0  # number of the first frame with the impedance of now
         self._answered = ImpedanceChanges(self.b)  # of the returning frames, as they were made
         self._from_displacement = coupling.encoder == "displacement"
@@ -103,16 +129,20 @@ class WaveCoupling(Coupling):
     def fit(self, record: Capability, lag_s: float) -> None:
         """Go by this device. Waves are plausible up to its speed, at twice its peak force: (b v_m + 2 F) / sqrt(2b)."""
         self._most_motion = record.speed_mps, 2.0 * record.peak_force_n
+        self._device_nspm = largest_impedance(record, self._tick_s).impedance_nspm
         if self._tuner is not None:
-            self._tuner.carried_nspm = largest_impedance(record, self._tick_s).impedance_nspm
+            self._tuner.carried_nspm = self._device_nspm
             if not self.up.sender.next_number:
                 self.tune(self._tuner.begin())
         self._most_wave = wave_of(self.b, *self._most_motion)
 
     def go_on_from(self, before: Coupling) -> None:
         super().go_on_from(before)
-        if self._tuner is not None and isinstance(before, WaveCoupling) and before._tuner is not None:
-            self._tuner.go_on_from(before._tuner)
+        if not isinstance(before, WaveCoupling) or before._tuner is None:
+            return
+        if self._tuner is None:
+            self._tuner = LineTuner(self._seat)
+        self._tuner.go_on_from(before._tuner)
 
     def tune(self, found: Tuning) -> None:
         """Have this impedance and filter from the next frame on (theory 7.3)."""
@@ -133,6 +163,16 @@ class WaveCoupling(Coupling):
         self.b, self._since = found.impedance_nspm, up.sender.next_number
         self.root = device_gain(self.b)
         self._most_wave = wave_of(self.b, *self._most_motion)
+
+    def change(self, seat: SeatSettings) -> None:
+        if self._tuner is None:
+            self._tuner = LineTuner(self._seat)
+            self._tuner.carried_nspm = self._device_nspm
+        self._tuner.change(seat)
+        self._seat = seat
+
+    def line_held(self) -> HandChange:
+        return self._tuner.held() if self._tuner is not None else HandChange()
 
     def set_latency(self, ticks: int) -> None:
         """Samples are `ticks` ticks old from now on. A velocity sample goes with the wave of its own force."""

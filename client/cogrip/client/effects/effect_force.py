@@ -77,6 +77,10 @@ class EffectForce(ForceSource):
         self._version = 0
         self._told = 0
 
+    def leave(self, base_nspm: float) -> None:
+        """Leave the coupling so much damping of what the device carries from now on [N s/m]."""
+        self._base = base_nspm
+
     # Told by the server
 
     def fit(self, record: Capability, own: Capability, free_j: float) -> None:

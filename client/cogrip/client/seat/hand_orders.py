@@ -1,4 +1,5 @@
-"""Orders for one hand in the session: the frame in which it moves its tool (theory 1.1), its clutch, limit and weight.
+"""Orders for one person in the session: the frame in which the hand moves its tool (theory 1.1), its clutch, limit and weight,
+the line and the spring (theory 7.3).
 
 A change waits for a frame's border, where nothing of a frame is on its way into the line: the energy ledger then splits
 between two ticks, exactly (`WorkAccount.set_power_ratio`). Places of hand and tool stay, and the force ramps in anew.
@@ -11,20 +12,21 @@ from cogrip.client.hand.hand_map import HandMap
 from cogrip.client.hand_changes import TakenChanges
 from cogrip.client.sources.hand_aids import HandAids
 from cogrip.machine.rows import Row
-from cogrip.protocol.settings.hand import HandChange, unfit
+from cogrip.protocol.settings.hand import UNSET, HandChange
 from cogrip.protocol.settings.seat import SeatSettings
 from cogrip.protocol.settings.tool_frame import ToolFrame
 from cogrip.protocol.wire.messages import SetHand
 
 
 class Applied(NamedTuple):
-    """Parts of a hand that are others now: the frame of its tool, and the force that its device adds."""
+    """Parts of a seat that are others now: the frame of the tool, the force that the device adds, line and spring."""
 
     tool: bool
     aids: bool
+    line: HandChange | None
 
 
-NOTHING = Applied(False, False)
+NOTHING = Applied(False, False, None)
 
 
 class HandOrders:
@@ -33,11 +35,13 @@ class HandOrders:
     frame    of the hand; places and forces of the coupling are in that of the tool
     waiting  change that the next frame's border applies, None for none
     changes  those that the server told, and reports to it
+    line     what holds of line and spring of what was changed; its owner sets it
     """
 
     def __init__(self, seat: SeatSettings, aids: HandAids) -> None:
-        self._axes = seat.object.axes
+        self._seat, self._axes = seat, seat.object.axes
         self._aids = aids
+        self.line = UNSET
         self.frame = HandFrame() if seat.tool is None else HandMap(seat.tool, self._axes)
         self.waiting: HandChange | None = None
         self.changes = TakenChanges(seat.hand_change)
@@ -54,14 +58,15 @@ class HandOrders:
         """Receive a change from the server, once; one that does not fit this hand is refused in the next report."""
         change = self.changes.receive(message)
         if change is not None:
-            self.order(HandChange() if unfit(change, self._axes) else change)
+            self.order(HandChange() if self._seat.unfit_change(change) else change)
 
     def holds(self) -> HandChange:
         """Return what holds now, as it is reported."""
         tool, aids = self.frame.tool, self._aids
-        return HandChange(
+        hand = HandChange(
             tool.position_scale, tool.force_scale, tool.rotation, self.frame.held, aids.limit, aids.carries
         )
+        return hand if self.line is UNSET else self.line.after(hand)
 
     def apply(self, position_m: Row, pose: Row) -> Applied:
         """Apply what waits, with the hand here, at a frame's border. Return what of the hand is another one now."""
@@ -77,7 +82,7 @@ class HandOrders:
             self._aids.change(change)
         if change.clutch is not None:
             self.clutch(change.clutch)
-        return Applied(changed, aided)
+        return Applied(changed, aided, change if change.of_line() else None)
 
     def hold(self, buttons: int, position_m: Row, pose: Row) -> None:
         """Hold or release the clutch as it is asked, by its button or else, with the hand here."""

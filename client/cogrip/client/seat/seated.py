@@ -33,6 +33,7 @@ from cogrip.devices.device import Capability
 from cogrip.devices.sample import Sample
 from cogrip.machine.rows import Row
 from cogrip.protocol.axes import GRIP_AXES, PLACES, POSE_AXES
+from cogrip.protocol.settings.hand import HandChange
 from cogrip.protocol.settings.seat import SeatSettings
 from cogrip.protocol.wire.messages import FRAMES, Edges, Effects, Frame, View, encode
 from cogrip.protocol.wire.session import ClientSession
@@ -73,7 +74,7 @@ class SeatedClient:
         self.safety = Safety(self.capability, rates.tick_s, seat.coupling.length_scale)
         self.hand = HandMotion(self._record, rates, self.safety, self._masses_kg())
         self.aids = HandAids(seat.workspace_limit, seat.gravity_compensation, self.capability, rates.tick_s)
-        self.effects = EffectForce(axes, rates.tick_s, getattr(seat.coupling, seat.coupling.traits.damper.key))
+        self.effects = EffectForce(axes, rates.tick_s, seat.damper_nspm)
         self.orders = HandOrders(seat, self.aids)
         self.frame = self.orders.frame
         self.coupling: Coupling = make_coupling(seat)
@@ -223,11 +224,20 @@ class SeatedClient:
                 )
             if applied.tool or applied.aids:
                 self.safety.ramp_anew()
+            if applied.line is not None:
+                self._change_line(applied.line)
         if self.frame.mapped:
             orders.hold(sample.buttons, self.hand.position_m, self.pose)
             self.safety.event("clutch" if self.frame.held else "engage")
         if border:
             orders.report(ordered)
+
+    def _change_line(self, change: HandChange) -> None:
+        """Go by another line or spring; neither is felt as a step (theory 7.3, 3.7), so that no force ramps."""
+        self.settings = settings = self.settings.changed(change)
+        self.coupling.change(settings)
+        self.effects.leave(self.coupling.seat_now().damper_nspm)
+        self.orders.line = self.coupling.line_held().after(HandChange(**change.of_spring()).after(self.orders.line))
 
     def stop(self) -> None:
         """Release the hand and the object."""

@@ -14,6 +14,7 @@ cdef class WaveCoupling(Coupling):
     cdef public double root
     cdef public double _half_tick_s
     cdef public object _tuner
+    cdef public double _device_nspm
     cdef public long long _since
     cdef public object _answered
     cdef public bint _from_displacement

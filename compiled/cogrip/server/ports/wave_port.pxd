@@ -22,6 +22,7 @@ cdef class WavePort(Port):
     cdef Py_ssize_t _states
     cdef WaveLimiter _limiter
     cdef object _impedances
+    cdef double _begun_nspm
     cdef long long _since
     cdef object _port_j
     cdef double _sent_j

@@ -2,6 +2,7 @@ cdef class SentChanges:
     cdef public object holds
     cdef public long long taken
     cdef public object wanted
+    cdef public object line
     cdef public object _told
     cdef public long long _reported
     cdef object _lines

@@ -29,6 +29,8 @@ cdef class Observer(Participant):
 
 cdef class Seat(Participant):
     cdef public object settings
+    cdef public object begins_with
+    cdef public object spring
     cdef public object state
     cdef public object rtt_ns
     cdef public Port port

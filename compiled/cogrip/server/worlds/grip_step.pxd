@@ -29,6 +29,7 @@ cdef class GripStep(WorldStep):
     cdef public double[::1] work
     cdef public double[::1] excess
     cdef public double[::1] paid
+    cdef public double[::1] loan
     cdef double[::1] _waves
     cdef double[::1] _mids
     cdef double[::1] _taken

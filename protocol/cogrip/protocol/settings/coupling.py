@@ -15,8 +15,8 @@ from cogrip.protocol.settings.coupling_kinds import COUPLING_KINDS, CouplingKind
 from cogrip.protocol.settings.delays import Direction, PlayoutDelay, line_delay
 from cogrip.protocol.settings.line_tuning import USUAL_NSPM, corner_hz, filter_lag_s, kept_tuning, tuning
 from cogrip.protocol.settings.rates import Rates
+from cogrip.protocol.settings.settable import LEAST_FILTER_HZ
 
-LEAST_FILTER_HZ = 0.05
 GRIP_NSPM = 10.0  # impedance of a gripper where the settings give none
 
 

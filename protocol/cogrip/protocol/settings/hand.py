@@ -1,18 +1,28 @@
-"""Settings of a hand that can be changed while a session runs: their values, texts and bounds (`SPEC.md` section 3.17).
+"""Settings of a person that can be changed while a session runs: their values, texts and bounds (`SPEC.md` section 3.17).
 
-A text is what stands behind `cogrip set NAME key=` and in the settings: one parser for files, terminals and commands.
+Those of the hand and its tool, of the line, and of the spring between the person and the object. A text is what stands behind
+`cogrip set NAME key=` and in the settings: one parser for files, terminals and commands.
 """
 
-from collections.abc import Callable, Mapping, Sequence
-from difflib import get_close_matches
-from math import isfinite
-from typing import Annotated, Any, Literal
+from collections.abc import Mapping, Sequence
+from typing import Annotated, Any, Literal, get_args
 
 import msgspec
 from msgspec.structs import asdict, replace
 
 from cogrip.protocol.axes import PLACES
 from cogrip.protocol.laws.rotations import UNTURNED, log
+from cogrip.protocol.settings import types
+from cogrip.protocol.settings.line_tuning import LEAST_NSPM, MOST_NSPM
+from cogrip.protocol.settings.settable import (
+    MOST_DAMPING_NSPM,
+    MOST_STIFFNESS_NPM,
+    Parser,
+    choice_of,
+    filter_of,
+    number_of,
+    read_pairs,
+)
 from cogrip.protocol.settings.tool_frame import (
     LEAST_SCALE,
     MOST_SCALE,
@@ -64,13 +74,17 @@ class WorkspaceLimit(msgspec.Struct, frozen=True, array_like=True):
 
 
 NO_LIMIT = WorkspaceLimit()
+LineImpedance = Annotated[float, msgspec.Meta(ge=LEAST_NSPM, le=MOST_NSPM)]
+"""Impedance b of a line that changes in a session [N s/m]: both ends bound it so (theory 7.3)."""
 
 
 class HandChange(msgspec.Struct, frozen=True, array_like=True, forbid_unknown_fields=True):
-    """Change of a hand's settings; None: stays. A report has all of them, as they hold.
+    """Change of a person's settings; None: stays. A report has all of them, as they hold.
 
     rotation  unit quaternion w, x, y, z
     clutch    a change: whether it is to be held, whatever its button does; a report: whether it is
+    impedance_nspm, wave_filter_hz, prefer  of the line; None in the report of a client without waves
+    stiffness_npm, damping_nspm             of the spring, which the server integrates: a client takes note of them
     """
 
     position_scale: Scale | None = None
@@ -79,6 +93,11 @@ class HandChange(msgspec.Struct, frozen=True, array_like=True, forbid_unknown_fi
     clutch: bool | None = None
     workspace_limit_m: WorkspaceLimit | None = None
     gravity_compensation: bool | None = None
+    impedance_nspm: LineImpedance | types.Auto | None = None
+    wave_filter_hz: types.FilterHz | types.Auto | None = None
+    prefer: types.Prefer | None = None
+    stiffness_npm: types.Stiffness | None = None
+    damping_nspm: types.Damping | None = None
 
     def __post_init__(self) -> None:
         if self.rotation is not None:
@@ -88,6 +107,14 @@ class HandChange(msgspec.Struct, frozen=True, array_like=True, forbid_unknown_fi
         """Return the frame of a tool after this change. Raises ValueError for a rotation that is none."""
         own = {name: getattr(self, name) for name in ("position_scale", "force_scale", "rotation")}
         return replace(before or ToolFrame(), **{name: value for name, value in own.items() if value is not None})
+
+    def of_line(self) -> dict[str, Any]:
+        """Return what is given of line and spring, by name."""
+        return {name: value for name in (*LINE_KEYS, *SPRING_KEYS) if (value := getattr(self, name)) is not None}
+
+    def of_spring(self) -> dict[str, Any]:
+        """Return what is given of the spring, by name."""
+        return {name: value for name in SPRING_KEYS if (value := getattr(self, name)) is not None}
 
     def after(self, before: "HandChange") -> "HandChange":
         """Return both as one: this one came later."""
@@ -121,6 +148,8 @@ class HandChange(msgspec.Struct, frozen=True, array_like=True, forbid_unknown_fi
         return list(self.unlike(report).given)
 
 
+UNSET = HandChange()
+"""Change of nothing."""
 UNCHANGED = HandChange(1.0, 1.0, UNTURNED, False, NO_LIMIT, False)
 """Report of a hand that moves its tool as it moves itself."""
 
@@ -132,7 +161,7 @@ def _shown(value: Any) -> str:
         return f'"{value.text}"' if value.numbers_um else value.text
     if isinstance(value, tuple):
         return ",".join([f"{angle:.4g}" for angle in log(value)]) if value != UNTURNED else "none"
-    return f"{value:g}"
+    return value if isinstance(value, str) else f"{value:g}"
 
 
 def limit_of(text: str) -> WorkspaceLimit:
@@ -149,14 +178,8 @@ def limit_of(text: str) -> WorkspaceLimit:
         raise ValueError(f"workspace_limit_m = {text!r}: {error}; {LIMITS}") from None
 
 
-def _scale(key: str, text: str) -> float:
-    try:
-        value = float(text)
-    except ValueError:
-        value = float("nan")
-    if not (isfinite(value) and LEAST_SCALE <= value <= MOST_SCALE):
-        raise ValueError(f"{key} = {text!r} is out of {LEAST_SCALE:g} to {MOST_SCALE:g}; give a number between them")
-    return value
+def _scale(key: str, text: str) -> float | Literal["auto"]:
+    return number_of(key, text, LEAST_SCALE, MOST_SCALE)
 
 
 def _switch(key: str, text: str) -> bool:
@@ -202,31 +225,23 @@ class HandSection(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
         return None if frame == ToolFrame() else frame, limit
 
 
-_PARSERS: Mapping[str, Callable[[str, str], Any]] = {
+_PARSERS: Mapping[str, Parser] = {
     "position_scale": _scale, "force_scale": _scale, "rotation": _rotation, "clutch": _switch,
     "workspace_limit_m": lambda _, text: limit_of(text), "gravity_compensation": _switch,
+    "impedance_nspm": lambda key, text: number_of(key, text, LEAST_NSPM, MOST_NSPM, auto=True),
+    "wave_filter_hz": filter_of,
+    "prefer": lambda key, text: choice_of(key, text, get_args(types.Prefer)),
+    "stiffness_npm": lambda key, text: number_of(key, text, 0.0, MOST_STIFFNESS_NPM),
+    "damping_nspm": lambda key, text: number_of(key, text, 0.0, MOST_DAMPING_NSPM),
 }  # fmt: skip
 KEYS = tuple(_PARSERS)
+LINE_KEYS = ("impedance_nspm", "wave_filter_hz", "prefer")
+SPRING_KEYS = ("stiffness_npm", "damping_nspm")
 
 
 def parsed(pairs: Sequence[str]) -> HandChange:
     """Return the change that `key=value` texts say. Raises ValueError, which names key, value, bound and cure."""
-    found: dict[str, Any] = {}
-    for pair in pairs:
-        key, equals, text = pair.partition("=")
-        key, text = key.strip(), text.strip().strip("\"'")
-        if key not in _PARSERS:
-            near = get_close_matches(key, KEYS, n=1, cutoff=0.5)
-            hint = f"did you mean {near[0]}?" if near else f"there is: {', '.join(KEYS)}"
-            raise ValueError(f"{key!r} is nothing that can be set in a session; {hint}")
-        if not equals or not text:
-            raise ValueError(f"{pair!r} has no value; write {key}=VALUE")
-        if key in found:
-            raise ValueError(f"{key} stands twice; give it once")
-        found[key] = _PARSERS[key](key, text)
-    if not found:
-        raise ValueError(f"nothing to set; write key=value with one of {', '.join(KEYS)}")
-    return HandChange(**found)
+    return HandChange(**read_pairs(pairs, _PARSERS))
 
 
 def unfit(change: HandChange, axes: int) -> str:

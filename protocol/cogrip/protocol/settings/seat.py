@@ -13,8 +13,8 @@ from cogrip.protocol.settings.coupling import (
     line_compliance,
     round_trip_s,
 )
-from cogrip.protocol.settings.hand import NO_LIMIT, HandChange, WorkspaceLimit
-from cogrip.protocol.settings.line_tuning import Tuning, kept_tuning, tuning
+from cogrip.protocol.settings.hand import LINE_KEYS, NO_LIMIT, SPRING_KEYS, HandChange, WorkspaceLimit, unfit
+from cogrip.protocol.settings.line_tuning import LEAST_NSPM, MOST_NSPM, Tuning, kept_tuning, tuning
 from cogrip.protocol.settings.link_profile import LinkProfile
 from cogrip.protocol.settings.object_kinds import kind_of
 from cogrip.protocol.settings.rates import Rates
@@ -65,6 +65,12 @@ class SeatSettings(msgspec.Struct, frozen=True, array_like=True):
         )
 
     @property
+    def damper_nspm(self) -> float:
+        """Damping that the coupling itself asks of a device [N s/m]."""
+        damping: float = getattr(self.coupling, self.coupling.traits.damper.key)
+        return damping
+
+    @property
     def side_sign(self) -> float:
         """Direction in which this person pushes along the first axis: +1 from the left, -1 from the right."""
         return 1.0 if self.side == "left" else -1.0
@@ -108,6 +114,57 @@ class SeatSettings(msgspec.Struct, frozen=True, array_like=True):
         """True where the server adapts the spring to the measured loop (docs/decisions/0012-measured-delay.md)."""
         coupling = self.coupling
         return coupling.compensate and coupling.traits.felt_through_waves and coupling.server_step == "passive"
+
+    def unfit_change(self, change: HandChange) -> str:
+        """Return why this seat cannot have a change while its session runs, "" where it can."""
+        if why := unfit(change, self.object.axes):
+            return why
+        coupling, kind = self.coupling, self.coupling.kind
+        given = change.given
+        if line := [key for key in LINE_KEYS if key in given]:
+            if not (coupling.traits.waves and coupling.server_step == "passive"):
+                return f'{line[0]} is of a line of waves, and this room has coupling.kind = "{kind}", {coupling.server_step}'
+            if not LEAST_NSPM <= coupling.impedance_nspm <= MOST_NSPM:
+                return (
+                    f"the line began with b = {coupling.impedance_nspm:g} N s/m, outside of the {LEAST_NSPM:g} to "
+                    f"{MOST_NSPM:g} in which it can change; restart the room with one between them"
+                )
+            if coupling.compensate and change.wave_filter_hz is not None:
+                return "coupling.compensate needs a filter that stays as it is; restart the room without it"
+        if spring := [key for key in SPRING_KEYS if key in given]:
+            if not (coupling.traits.felt_through_waves and kind_of(self.object.kind).plain):
+                return (
+                    f'{spring[0]} is of a spring that the server integrates, and with coupling.kind = "{kind}" and '
+                    f'object.kind = "{self.object.kind}" there is none that can change'
+                )
+            if coupling.server_step != "passive":
+                return f'{spring[0]} cannot change with coupling.server_step = "{coupling.server_step}": nothing pays for it'
+        return ""
+
+    def changed(self, change: HandChange) -> "SeatSettings":
+        """Return the seat with a change of its line and its spring; itself where that is nothing."""
+        if not change.of_line():
+            return self
+        coupling, line, rendered = self.coupling, self.line, self.rendered_npm
+        if isinstance(change.impedance_nspm, float):
+            coupling = replace(coupling, impedance_nspm=change.impedance_nspm)
+        if isinstance(change.wave_filter_hz, float):
+            line = replace(line, wave_filter_hz=change.wave_filter_hz)
+        if change.impedance_nspm is not None:
+            line = replace(line, auto_impedance=change.impedance_nspm == "auto")
+        if change.wave_filter_hz is not None:
+            line = replace(line, auto_filter=change.wave_filter_hz == "auto")
+        if change.prefer is not None:
+            line = replace(line, prefer=change.prefer)
+        if change.damping_nspm is not None:
+            coupling = replace(coupling, damping_nspm=change.damping_nspm)
+        if change.stiffness_npm is not None:
+            coupling, rendered = replace(coupling, stiffness_npm=change.stiffness_npm), change.stiffness_npm
+        seat = replace(self, coupling=coupling, line=line, rendered_npm=rendered)
+        if not seat.adapts_stiffness:
+            return seat
+        compliance = seat.line_compliance(self.loop_s / self.rates.frame_s)
+        return replace(seat, rendered_npm=felt.reachable_stiffness(coupling.stiffness_npm, compliance))
 
     def at_impedance(self, impedance_nspm: float) -> "SeatSettings":
         """Return the seat with b in use: a compensated spring is that of the line with this b."""

@@ -17,6 +17,7 @@ from cogrip.protocol.settings.hand import HandChange
 from cogrip.protocol.settings.room import seat_settings
 from cogrip.protocol.settings.seat import SeatSettings
 from cogrip.protocol.settings.sections import Settings
+from cogrip.protocol.settings.settable import LENT_J
 from cogrip.protocol.texts import shown
 from cogrip.protocol.wire.accounts import (
     ClientAccount,
@@ -206,6 +207,8 @@ def _user(user: UserRecord, claims: bool, credit_j: float, kind: Kind) -> dict[s
     client, seat, gated = user.client, user.seat, COUPLING_KINDS[kind].gated
     claimed = (*INCIDENTS, "down_margin_j", *(["line_margin_j"] if gated else []))
     lent_j = 1e-3 * GATE_MJ if gated else 2.0 * credit_j
+    if user.hand is not None and user.hand.stiffness_npm is not None:
+        lent_j += LENT_J
     device = client.device if client else DeviceAccount()
     row: dict[str, Any] = {
         "name": user.name,

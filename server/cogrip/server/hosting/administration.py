@@ -22,6 +22,7 @@ from cogrip.server.io.control import (
     ReloadOrder,
     Request,
     SetHandOrder,
+    SetRoomOrder,
     StatusOrder,
     WhoOrder,
 )
@@ -146,6 +147,10 @@ class Administration:
             self._control.answer(request, text, ok=ok)
             return
         room = "" if isinstance(order, StatusOrder | ReloadOrder) else order.room
+        if isinstance(order, SetRoomOrder) and not room and len(self._front.rooms) > 1:
+            names = ", ".join(sorted(self._front.rooms))
+            self._control.answer(request, f"there are several rooms; name one by --room: {names}", ok=False)
+            return
         if isinstance(order, SetHandOrder) and not room:
             seats = sorted(self._front.rooms_of(order.user))
             if len(seats) > 1:
@@ -224,6 +229,6 @@ def merged(order: object, answers: Sequence[OrderReply], rooms: int) -> OrderRep
             return OrderReply(True, f"tokens were read again in {len(good)} rooms")
         case MarkOrder() if good:
             return OrderReply(True, f"marked in {rooms} rooms: {order.text}")
-        case KickOrder() | SetHandOrder() if good:
+        case KickOrder() | SetHandOrder() | SetRoomOrder() if good:
             return OrderReply(True, "; ".join(dict.fromkeys(answer.text for answer in good)))
     return OrderReply(bool(good), "; ".join(dict.fromkeys(answer.text for answer in good or answers)))

@@ -17,6 +17,7 @@ import msgspec
 
 from cogrip.machine.server_platform import local_socket
 from cogrip.protocol.settings.hand import HandChange
+from cogrip.protocol.settings.settable import RoomChange
 from cogrip.server.admission.roster import RosterEntry
 from cogrip.server.io.state_folder import FILE_MODE, StateError, StateFolder
 
@@ -71,6 +72,13 @@ class SetHandOrder(Order, frozen=True, tag="set"):
     room: Word = ""  # name of the room; "" whichever
 
 
+class SetRoomOrder(Order, frozen=True, tag="set_room"):
+    """Change a room's settings."""
+
+    change: RoomChange
+    room: Word = ""  # name of the room; "" where the server has one alone
+
+
 class ReloadOrder(Order, frozen=True, tag="reload"):
     """Read the tokens again."""
 
@@ -100,7 +108,7 @@ class OrderReply(msgspec.Struct, frozen=True, forbid_unknown_fields=True, omit_d
 
 
 NO_CLUSTER = "this server is no part of a cluster (serve --cluster): it has one host, which cannot be drained"
-AnyOrder = KickOrder | MarkOrder | SetHandOrder | ReloadOrder | StatusOrder | WhoOrder | DrainOrder
+AnyOrder = KickOrder | MarkOrder | SetHandOrder | SetRoomOrder | ReloadOrder | StatusOrder | WhoOrder | DrainOrder
 
 
 @dataclass(slots=True, eq=False)

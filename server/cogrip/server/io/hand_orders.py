@@ -3,7 +3,6 @@
 from collections.abc import Callable
 from typing import NamedTuple
 
-from cogrip.protocol.settings.hand import unfit
 from cogrip.server import inputs
 from cogrip.server.core import ServerCore
 from cogrip.server.io.control import Request, SetHandOrder
@@ -49,7 +48,7 @@ class AwaitedOrders:
             self._say(request, text, False)
             return
         (seat,) = named
-        if why := unfit(order.change, seat.settings.object.axes):
+        if why := seat.settings.unfit_change(order.change):
             self._say(request, f"{seat.name}: {why}", False)
         elif not self._core.handle(inputs.SetHand(order.user, order.change, order.room), now_ns):
             self._say(request, f"{seat.name} has not answered the changes before; try again once they are there", False)

@@ -24,6 +24,7 @@ from cogrip.server.io.control import (
     ReloadOrder,
     Request,
     SetHandOrder,
+    SetRoomOrder,
     WhoOrder,
 )
 from cogrip.server.io.hand_orders import AwaitedOrders
@@ -354,6 +355,8 @@ class Housekeeping:
             case SetHandOrder() as order:
                 self._hand_orders.obey(request, order, time.monotonic_ns())
                 return
+            case SetRoomOrder() as order:
+                text, ok = self._set_room(order)
             case ReloadOrder():
                 text, ok = self._reload()
             case DrainOrder():
@@ -392,6 +395,22 @@ class Housekeeping:
             if rooms
             else ("no such room", False)
         )
+
+    def _set_room(self, order: SetRoomOrder) -> tuple[str, bool]:
+        core = self._server.core
+        rooms = [room for room in core.rooms if order.room in ("", room.name)]
+        if len(rooms) != 1:
+            names = ", ".join(room.name for room in core.rooms)
+            return (
+                f"there are several rooms; name one by --room: {names}" if rooms else f"there is no room {order.room!r}"
+            ), False
+        (room,) = rooms
+        if why := room.unfit_change(order.change):
+            return f"{room.name}: {why}", False
+        now_ns = time.monotonic_ns()
+        self._server.count_deserted(now_ns, room.name)  # the change has a step
+        core.handle(inputs.SetRoom(order.change, room.name), now_ns)
+        return f"{room.name}: {order.change.text}, within some seconds", True
 
     def _who(self, order: WhoOrder) -> tuple[str, bool, list[RosterEntry]]:
         rooms = [room for room in self._server.core.rooms if order.room in ("", room.name)]

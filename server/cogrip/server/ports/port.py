@@ -65,6 +65,9 @@ class Port:
         """Bound what the seat brings in by these limits from now on."""
         raise NotImplementedError
 
+    def let_impedance_change(self) -> None:
+        """Go by the impedance that the client says of each frame; a port without waves has none."""
+
     def pop(self, frames: int) -> Row:
         """Return the row to step with; `frames` > 1 if the loop missed frames - 1 steps."""
         raise NotImplementedError

@@ -44,6 +44,7 @@ class WavePort(Port):
         self._sender = LineSender(axes, playout.redundancy)
         coupling = seat.coupling
         self._limiter = WaveLimiter(coupling.impedance_nspm, frame_s, limits, power_left, coupling.further_impedance)
+        self._begun_nspm = coupling.impedance_nspm
         self._impedances = ImpedanceChanges(coupling.impedance_nspm) if seat.line.auto_impedance else None
         self._since = 0  # number of the first returning frame with the present impedance
         self._port_j: float | None = None
@@ -82,6 +83,10 @@ class WavePort(Port):
             if self._turning and len(self._poses) < MOST_KEPT:
                 self._poses[newest] = self.hand[PLACES:], datagram.state_from(2 * axes, datagram.states)
         return True
+
+    def let_impedance_change(self) -> None:
+        if self._impedances is None:
+            self._impedances = ImpedanceChanges(self._begun_nspm)
 
     def receiver(self) -> LineReceiver:
         return self._receiver

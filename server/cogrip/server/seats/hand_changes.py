@@ -3,7 +3,7 @@
 from collections import deque
 from collections.abc import Sequence
 
-from cogrip.protocol.settings.hand import HandChange
+from cogrip.protocol.settings.hand import UNSET, HandChange
 from cogrip.protocol.settings.seat import SeatSettings
 from cogrip.protocol.settings.tool_frame import ToolFrame
 from cogrip.protocol.wire.messages import SetHand
@@ -20,6 +20,7 @@ class SentChanges:
     holds    what the client goes by, as it reported last; before that, what the seat's settings say
     taken    newest change that the client has taken
     wanted   frame of the tool by settings and changes; reports are a client's word
+    line     what was changed of line and spring
     """
 
     def __init__(self, seat: SeatSettings, network_hz: int, before: "SentChanges | None" = None) -> None:
@@ -27,6 +28,7 @@ class SentChanges:
         self.holds = seat.hand_change
         self.taken = 0
         self.wanted: ToolFrame = before.wanted if before is not None else seat.tool or ToolFrame()
+        self.line: HandChange = before.line if before is not None else UNSET
         self._told: Unanswered[HandChange] = Unanswered(MOST_UNTOLD)
         self._reported = 0
         self._lines: deque[int] = deque(maxlen=BURST)  # steps of the last ones
@@ -48,6 +50,8 @@ class SentChanges:
         """Queue a change for the client. Return the hand frame that the tool will have."""
         self._told.add(change)
         self.wanted = change.frame(self.wanted)
+        self.line = HandChange(**change.of_line()).after(self.line)
+        self.holds = HandChange(**change.of_spring()).after(self.holds)  # the server's own, whatever a client reports
         return self.wanted
 
     def receive(self, message: SetHand) -> bool:

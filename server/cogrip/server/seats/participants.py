@@ -18,6 +18,7 @@ from cogrip.server.rate_limit import HELLOS, Buckets
 from cogrip.server.seats.effects import EffectSender
 from cogrip.server.seats.geometry_sender import GeometrySender
 from cogrip.server.seats.hand_changes import SentChanges
+from cogrip.server.seats.spring_ramp import SpringRamp
 from cogrip.server.seats.stiffness_adaptation import StiffnessAdapter
 
 MOST_EARLIER = 8  # most seat sessions before the last one of which a seat keeps the accounts
@@ -75,11 +76,12 @@ class Seat(Participant):
 
     def __init__(self, settings: SeatSettings, number: int = 0) -> None:
         super().__init__(number, settings.user)
-        self.settings = settings
+        self.settings = self.begins_with = settings
         self.state: Literal["free", "seated"] = "free"
         self.rtt_ns: int | None = None  # newest measured round trip
         self.port: Port | None = None
         self.adapter: StiffnessAdapter | None = None
+        self.spring: SpringRamp | None = None  # once it was changed
         self.geometry: GeometrySender | None = None  # where its client renders contact
         self.hand = SentChanges(settings, settings.rates.network_hz)
         self.effects: EffectSender | None = None  # once there are any
@@ -139,7 +141,14 @@ class Seat(Participant):
     def checkpoint(self) -> SeatCheckpoint:
         """Return the state that a next server goes on from."""
         return SeatCheckpoint(
-            self.name, self.session, self.nonce, self.ticket_hash, self.token, self.record, self.hand.wanted
+            self.name,
+            self.session,
+            self.nonce,
+            self.ticket_hash,
+            self.token,
+            self.record,
+            self.hand.wanted,
+            self.hand.line,
         )
 
     def restore(self, before: SeatCheckpoint) -> None:
@@ -148,6 +157,7 @@ class Seat(Participant):
         self.token, self.record = before.token, before.record
         if before.tool is not None:
             self.hand.wanted = before.tool
+        self.hand.line = before.line
 
     def close_seat_session(self) -> None:
         """Keep the accounts of the session before; of too many, drop the most passive session."""

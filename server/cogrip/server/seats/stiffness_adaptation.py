@@ -9,6 +9,7 @@ for 1 %.
 
 from cogrip.protocol.laws.felt_stiffness import enough_impedance, reachable_stiffness
 from cogrip.protocol.line.loop_meter import LoopMeter
+from cogrip.protocol.settings.hand import HandChange
 from cogrip.protocol.settings.seat import SeatSettings
 
 FOLLOW_S = 1.0
@@ -51,6 +52,11 @@ class StiffnessAdapter:
         if impedance_nspm != self._seat.coupling.impedance_nspm:
             self._seat = self._seat.at_impedance(impedance_nspm)
             self._goal, self._used = self._seat.rendered_npm, None
+
+    def use_stiffness(self, stiffness_npm: float) -> None:
+        """Aim at what makes the hand feel this stiffness, from now on."""
+        self._seat = self._seat.changed(HandChange(stiffness_npm=stiffness_npm))
+        self._goal, self._used = self._seat.rendered_npm, None
 
     def update(self) -> float | None:
         """Return the stiffness to aim at from now on [N/m]; None if nothing changes."""

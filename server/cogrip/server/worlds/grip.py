@@ -14,6 +14,7 @@ import numpy as np
 from cogrip.machine.addition import add_floats
 from cogrip.machine.rows import Row
 from cogrip.protocol.settings.seat import SeatSettings
+from cogrip.protocol.settings.settable import LENT_J
 from cogrip.server.worlds.accounts import Accounts
 from cogrip.server.worlds.grip_step import GripStep
 from cogrip.server.worlds.world import Array, World, dot
@@ -62,7 +63,7 @@ class GripWorld(World):
     """
 
     kept: ClassVar[tuple[str, ...]] = ("stretch", "_paid_j", "_excess_j", "_growing")
-    can_adapt_stiffness = True
+    can_adapt_stiffness = can_change_object = True
 
     def __init__(self, seats: Sequence[SeatSettings]) -> None:
         first = seats[0]
@@ -107,6 +108,16 @@ class GripWorld(World):
     def set_target_stiffness(self, user: int, stiffness_npm: float) -> None:
         self.moving.target[user] = stiffness_npm
         self.moving.growing = True
+
+    def lend(self, user: int) -> None:
+        self.moving.loan[user], self.moving.adapts[user] = LENT_J, 1.0
+        self.moving.saving = True
+
+    def set_damping(self, user: int, damping_nspm: float) -> None:
+        self.target_damping[user] = damping_nspm
+        if self.holding[user]:
+            self.moving.B[user] = damping_nspm
+            self.moving.settled = False
 
     def join(self, user: int, position_m: Array) -> None:
         self.offset[user] = position_m - self.position

@@ -33,6 +33,7 @@ class GripStep(WorldStep):
     K, B, b, c              of each person: stiffness, damping, wave impedance, wave gain
     work, excess            of each person: energy out of the line so far, and how much that is above the exact sum [J]
     paid                    of each person: energy that the spring may spend on growing stiffer [J]
+    loan                    of each person: energy that the spring may borrow to grow stiffer [J]
     target, held, adapts    of each person: the stiffness to which K grows; 1 while the object is held; 1 where the spring saves
                             what its damper takes, while it does not grow too
     settled                 `settle` has been called since K, B, b or c was changed
@@ -57,7 +58,7 @@ class GripStep(WorldStep):
         self.target, self.held, self.adapts = zeros(users), zeros(users), zeros(users)
         self._drive, self._gain, self._beta = zeros(users), zeros(users), zeros(users)  # see `settle`
         self._beta_sum = 0.0
-        self.work, self.excess, self.paid = zeros(users), zeros(users), zeros(users)
+        self.work, self.excess, self.paid, self.loan = zeros(users), zeros(users), zeros(users), zeros(users)
         # Of a step
         self._waves, self._mids, self._taken, self._sent = zeros(entries), zeros(axes), zeros(users), zeros(axes)
         self.settled = False
@@ -199,7 +200,7 @@ class GripStep(WorldStep):
             square += self.stretch[at] * self.stretch[at]
         step = min(target * (self._frame_s / RAMP_S), target - self.K[user])
         if square > 0.0:
-            step = min(step, 2.0 * self.paid[user] / square)
+            step = min(step, 2.0 * (self.paid[user] + self.loan[user]) / square)
         self.paid[user] -= 0.5 * step * square
         self.K[user] += step
         self.settled = False

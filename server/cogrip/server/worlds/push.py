@@ -9,6 +9,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from cogrip.protocol.settings.seat import SeatSettings
+from cogrip.protocol.settings.settable import LENT_J
 from cogrip.server.worlds.grip_step import MOST_SAVED_J, RAMP_S
 from cogrip.server.worlds.world import Array, HandWorld, dot
 
@@ -25,9 +26,13 @@ class PushWorld(HandWorld):
     kept = ("_ledger",)
     can_adapt_stiffness = True
 
+    @property
+    def can_change_object(self) -> bool:  # type: ignore[override]  # of a wall nothing moves
+        return not self.fixed
+
     def __init__(self, seats: Sequence[SeatSettings]) -> None:
         super().__init__(seats)
-        self._ledger = np.zeros(len(seats))  # [J]
+        self._ledger, self._loan = np.zeros(len(seats)), np.zeros(len(seats))  # [J]
         self._saving = bool(self.adapts_stiffness.any())
 
     @property
@@ -36,6 +41,10 @@ class PushWorld(HandWorld):
 
     def set_target_stiffness(self, user: int, stiffness_npm: float) -> None:
         self.target_stiffness[user] = stiffness_npm
+
+    def lend(self, user: int) -> None:
+        self.adapts_stiffness[user] = self._saving = True
+        self._loan[user] = LENT_J
 
     def join(self, user: int, position_m: Array) -> None:
         super().join(user, position_m)
@@ -86,7 +95,7 @@ class PushWorld(HandWorld):
         if change.any():
             most = np.full_like(squares, np.inf)
             pressed = squares > 0.0
-            np.divide(2.0 * self._ledger, squares, out=most, where=pressed)
+            np.divide(2.0 * (self._ledger + self._loan), squares, out=most, where=pressed)
             np.minimum(most, self.target_stiffness[:, 0] * (self.frame_s / RAMP_S), out=most, where=pressed)
             change = np.minimum(change, most)
             self._ledger -= 0.5 * change * squares

@@ -64,6 +64,7 @@ class World(ABC):
 
     Beside it stand its `drawing`, its `accounts` and the `progress` of its task, on which no step depends.
 
+    can_change_object  whether `set_mass` and `set_object_damping` may be called
     failed            why it is not stepped any more, "" while it is
     impedance         b of each person's port [N s/m], shape (n, 1)
     further_impedance  of the axes behind the places, shape (n, 1): b_r [N m s] of those that turn, b_g [N s/m] of an opening
@@ -82,6 +83,7 @@ class World(ABC):
     object_name = "the object"  # name of the object in texts
     gained_j = 0.0  # energy that the bodies of a scene have got in all steps so far
     can_adapt_stiffness = False  # whether `set_target_stiffness` may be called
+    can_change_object = False
     failed = ""
 
     def __init__(self, seats: Sequence[SeatSettings]) -> None:
@@ -169,6 +171,32 @@ class World(ABC):
         dK at the stretch e costs dK e^2 / 2 (theory 3.7). Called only where `can_adapt_stiffness`.
         """
         raise NotImplementedError(f"{type(self).__name__}: a stiffness that changes would not be passive here")
+
+    def lend(self, user: int) -> None:
+        """Lend a spring whose stiffness was set LENT_J to grow stiffer with, once a seat session (theory 3.7).
+
+        Called only where `can_adapt_stiffness`.
+        """
+        raise NotImplementedError(f"{type(self).__name__}: a stiffness that changes would not be passive here")
+
+    def set_damping(self, user: int, damping_nspm: float) -> None:
+        """Set the damper of a person's spring, B [N s/m], from the next step on: passive whatever it is (theory 3.3)."""
+        self.target_damping[user] = damping_nspm
+        if self.holding[user]:
+            self.damping[user] = damping_nspm
+
+    def set_mass(self, mass_kg: float) -> None:
+        """Set the object's mass [kg] from the next step on, without adding energy (theory 7.9).
+
+        A heavier object keeps its momentum, p^2 / 2m, a lighter one its velocity, m v^2 / 2.
+        """
+        if mass_kg > self.mass_kg:
+            self.velocity = self.velocity * (self.mass_kg / mass_kg)
+        self.mass_kg = mass_kg
+
+    def set_object_damping(self, damping_nspm: float) -> None:
+        """Set the object's own damping [N s/m] from the next step on: passive whatever it is (theory 3.3)."""
+        self.object_damping = damping_nspm
 
     def set_impedance(self, user: int, impedance_nspm: float) -> None:
         """Set the wave impedance b of a person's port [N s/m] from the next step on; any b is passive (theory 7.3)."""

@@ -1,0 +1,245 @@
+"""Line, spring and object changed while a session runs: what is felt, energy, steps of force, replay, restart, refusals."""
+
+from math import hypot
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from cogrip.client.inputs import CloseLedger
+from cogrip.protocol.settings.hand import parsed
+from cogrip.protocol.settings.room import resolve
+from cogrip.protocol.settings.settable import RoomChange, room_change
+from cogrip.protocol.wire.accounts import ClientAccount
+from cogrip.results.reading.records import open_run
+from cogrip.results.replay.verify import verify
+from cogrip.results.verdict.verdict import judgements
+from cogrip.results.writing.laboratory_run import run_laboratory
+from cogrip.results.writing.summary import of_laboratory
+from cogrip.server.checkpoint import decode as decode_checkpoint
+from cogrip.server.checkpoint import encode as encode_checkpoint
+from cogrip.server.inputs import SetHand, SetRoom
+from cogrip.sim.laboratory import Laboratory
+
+from tests.sim.felt_forces import Felt
+from tests.sim.session_measures import run_frames
+
+LOAN_J = 1e-9  # rounding of an energy that is not to grow
+
+
+def wall(**more: Any) -> dict[str, Any]:
+    """One hand presses on a wall from the first second on."""
+    return {
+        "seconds": 60.0, "object": {"kind": "wall", "axes": 3}, "coupling": {"impedance_nspm": 20.0, "stiffness_npm": 400.0},
+        "users": [{"name": "anna", "device": "sim:ideal", "hand": "approach&amplitude_m=0.006&lag_s=0.3"}], **more,
+    }  # fmt: skip
+
+
+def two(**more: Any) -> dict[str, Any]:
+    return {
+        "seconds": 60.0, "object": {"kind": "cube", "axes": 3}, "coupling": {"impedance_nspm": 20.0, "stiffness_npm": 600.0},
+        "users": [{"name": "anna", "hand": "reach"}, {"name": "ben", "hand": "hold", "side": "right"}], **more,
+    }  # fmt: skip
+
+
+def set_of(laboratory: Laboratory, name: str, *pairs: str) -> None:
+    assert laboratory.server.handle(SetHand(name, parsed(pairs)), laboratory.now_ns) == 1
+
+
+def set_room(laboratory: Laboratory, *pairs: str) -> int:
+    return laboratory.server.handle(SetRoom(room_change(pairs)), laboratory.now_ns)
+
+
+def account_of(laboratory: Laboratory, number: int = 0) -> ClientAccount:
+    return laboratory.people[number].core.handle(CloseLedger(laboratory.ticks(number)), laboratory.now_ns)
+
+
+def assert_passive(laboratory: Laboratory) -> None:
+    for number in range(len(laboratory.people)):
+        account, seat = account_of(laboratory, number), laboratory.room.seat_account(number)
+        margins = [account.down_margin_j, seat.up_margin_j, seat.line_margin_j]
+        assert min([margin for margin in margins if margin is not None], default=0.0) >= -1e-3
+        assert account.device.margin_j >= 0.0
+    assert laboratory.room.world.balance_error_j < 1e-9
+
+
+@pytest.mark.parametrize("delay_ms", [0.0, 20.0])
+@pytest.mark.parametrize("compensate", [False, True])
+def test_a_hand_feels_the_stiffness_that_was_set(delay_ms: float, compensate: bool) -> None:
+    table = wall(link={"delay_ms": delay_ms})
+    table["coupling"]["compensate"] = compensate
+    table["coupling"]["stiffness_npm"] = 200.0
+    laboratory = Laboratory(resolve(table))
+    felt = Felt(laboratory)
+    felt.run(3 * 128)
+    before, felt.step_n = account_of(laboratory), 0.0
+    set_of(laboratory, "anna", "stiffness_npm=300")
+    felt.run(8 * 128)
+    after = account_of(laboratory)
+    assert before.felt_stiffness_npm == pytest.approx(before.predicted_stiffness_npm, rel=0.03)
+    assert after.felt_stiffness_npm == pytest.approx(after.predicted_stiffness_npm, rel=0.03)
+    if compensate:
+        assert after.felt_stiffness_npm == pytest.approx(300.0, rel=0.03)
+    assert after.felt_stiffness_npm > 1.15 * before.felt_stiffness_npm
+    assert felt.step_n < 0.05, "it comes within some seconds, and not as a step"
+    assert_passive(laboratory)
+    summary = of_laboratory(laboratory)
+    assert summary["users"][0]["asked_stiffness_npm"] == 300.0
+    assert summary["users"][0]["hand"]["stiffness_npm"] == 300.0
+    set_of(laboratory, "anna", "stiffness_npm=100", "damping_nspm=2")
+    felt.step_n = 0.0
+    felt.run(8 * 128)
+    softer = account_of(laboratory)
+    assert softer.felt_stiffness_npm == pytest.approx(softer.predicted_stiffness_npm, rel=0.03)
+    assert felt.step_n < 0.05
+    assert laboratory.room.world.damping[0, 0] == 2.0
+    assert_passive(laboratory)
+
+
+def test_an_impedance_that_was_set_holds_at_both_ends_and_is_bounded_by_the_device() -> None:
+    laboratory = Laboratory(resolve(two(link={"delay_ms": 20.0})))
+    felt = Felt(laboratory)
+    felt.run(2 * 128)
+    felt.step_n = 0.0
+    set_of(laboratory, "anna", "impedance_nspm=8")
+    felt.run(12 * 128)
+    seat = laboratory.room.seats[0]
+    assert laboratory.people[0].core._seat.coupling.b == laboratory.room.world.impedance[0, 0] == 8.0
+    assert laboratory.room.world.impedance[1, 0] == 20.0
+    assert seat.hand.holds.impedance_nspm == 8.0
+    set_of(laboratory, "anna", "impedance_nspm=60")
+    felt.run(14 * 128)
+    carried = laboratory.people[0].core._seat.coupling.b
+    assert 20.0 < carried < 60.0, "the device carries no more"
+    assert seat.hand.holds.impedance_nspm == carried == laboratory.room.world.impedance[0, 0]
+    set_of(laboratory, "anna", "impedance_nspm=auto", "prefer=light", "wave_filter_hz=2")
+    felt.run(14 * 128)
+    assert seat.hand.holds.text.endswith("impedance_nspm=auto wave_filter_hz=2 prefer=light")
+    assert laboratory.room.world.impedance[0, 0] < carried
+    assert account_of(laboratory).line.wave_filter_hz == pytest.approx(2.0)
+    assert felt.step_n < 0.6
+    assert_passive(laboratory)
+
+
+def test_a_mass_that_was_set_adds_no_energy_and_is_what_moves() -> None:
+    laboratory = Laboratory(resolve(two()))
+    felt = Felt(laboratory)
+    felt.run(64)
+    world = laboratory.room.world
+    for kg in (2.0, 0.05, 1.0):
+        assert set_room(laboratory, f"object.mass_kg={kg}", "object.damping_nspm=3") == 1
+        for _ in range(6 * 128):
+            mass, kinetic_j = world.mass_kg, 0.5 * world.mass_kg * float(world.velocity @ world.velocity)
+            for ramp, apply in laboratory.room._ramps:  # as `tick` does before its step
+                if (value := ramp.update()) is not None:
+                    apply(value)
+            assert 0.5 * world.mass_kg * float(world.velocity @ world.velocity) <= kinetic_j + LOAN_J
+            assert abs(world.mass_kg / mass - 1.0) < 0.01
+            felt.run(1)
+        assert world.mass_kg == kg
+        assert world.object_damping == 3.0
+    assert felt.step_n < 1.0
+    assert_passive(laboratory)
+
+
+def test_a_session_that_was_changed_replays_bit_by_bit_and_says_when(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    run = Laboratory.run
+    orders = {
+        64: lambda lab: set_of(lab, "anna", "stiffness_npm=900", "damping_nspm=3"),
+        128: lambda lab: set_room(lab, "object.mass_kg=1.5", "object.damping_nspm=2"),
+        192: lambda lab: set_of(lab, "ben", "impedance_nspm=12", "wave_filter_hz=5"),
+        384: lambda lab: set_of(lab, "ben", "impedance_nspm=auto"),
+    }
+
+    def with_changes(laboratory: Laboratory, *given: Any, **named: Any) -> None:
+        run(laboratory, each_frame=lambda _: orders.get(laboratory._frame, lambda _: None)(laboratory))
+
+    monkeypatch.setattr(Laboratory, "run", with_changes)
+    outcome = run_laboratory(resolve(two(link={"profile": "wifi"}) | {"seconds": 5.0}), tmp_path)
+    found = open_run(tmp_path)
+    assert found.server is not None
+    for end in (*found.clients.values(), found.server):
+        assert verify(end.recording).exact
+    texts = [text for _, text in found.markers()]
+    assert texts == [
+        "set anna stiffness_npm=900 damping_nspm=3", "set object.mass_kg=1.5 object.damping_nspm=2",
+        "set ben impedance_nspm=12 wave_filter_hz=5", "set ben impedance_nspm=auto",
+    ]  # fmt: skip
+    users = outcome.summary["users"]
+    assert [user["asked_stiffness_npm"] for user in users] == [900.0, 600.0]
+    assert judgements(outcome.summary)[0].tone == "good"
+
+
+def test_a_restarted_server_goes_on_with_what_was_set() -> None:
+    laboratory = Laboratory(resolve(two()))
+    run_frames(laboratory, 64)
+    set_of(laboratory, "anna", "stiffness_npm=300", "impedance_nspm=10")
+    set_room(laboratory, "object.mass_kg=0.8")
+    run_frames(laboratory, 6 * 128)
+    checkpoints = [decode_checkpoint(encode_checkpoint(each)) for each in laboratory.kill()]
+    assert checkpoints[0].changes == RoomChange(0.8)
+    run_frames(laboratory, 32)
+    laboratory.restart(checkpoints)
+    run_frames(laboratory, 8 * 128)
+    world, seat = laboratory.room.world, laboratory.room.seats[0]
+    assert seat.state == "seated"
+    assert world.mass_kg == 0.8
+    assert world.stiffness[0, 0] == seat.settings.coupling.stiffness_npm == 300.0
+    assert world.stiffness[1, 0] == 600.0
+    assert laboratory.people[0].core._seat.coupling.b == world.impedance[0, 0] == 10.0
+    assert_passive(laboratory)
+
+
+def test_whoever_comes_next_begins_as_the_settings_say() -> None:
+    laboratory = Laboratory(resolve(two()))
+    run_frames(laboratory, 64)
+    set_of(laboratory, "anna", "stiffness_npm=300", "damping_nspm=1")
+    run_frames(laboratory, 4 * 128)
+    room = laboratory.room
+    room.leave_seat(0, "leave")
+    record = room.seats[0].record
+    assert record is not None
+    room.take_seat(0, 77, 5, laboratory.now_ns, record)
+    assert room.seats[0].settings == room.seats[0].begins_with
+    assert (room.world.target_stiffness[0, 0], room.world.target_damping[0, 0]) == (600.0, 10.0)
+
+
+@pytest.mark.parametrize(
+    ("table", "pair", "why"),
+    [
+        ({"coupling": {"kind": "coupling"}}, "impedance_nspm=9", "is of a line of waves"),
+        ({"coupling": {"kind": "coupling"}}, "stiffness_npm=9", "is of a spring that the server integrates"),
+        ({"coupling": {"kind": "wave", "server_step": "paper"}}, "stiffness_npm=9", "server_step"),
+        ({"coupling": {"impedance_nspm": 100.0}}, "impedance_nspm=50", "100 N s/m, outside of the 1 to 60"),
+        ({"coupling": {"compensate": True, "stiffness_npm": 100.0}}, "wave_filter_hz=9", "needs a filter that stays"),
+        (
+            {"object": {"kind": "wall"}, "coupling": {"kind": "local"}},
+            "stiffness_npm=9",
+            "there is none that can change",
+        ),
+    ],
+)
+def test_what_cannot_change_says_why(table: dict[str, Any], pair: str, why: str) -> None:
+    laboratory = Laboratory(resolve({"seconds": 1.0, "users": [{"name": "anna"}], **table}))
+    run_frames(laboratory, 16)
+    seat = laboratory.room.seats[0]
+    assert why in seat.settings.unfit_change(parsed([pair]))
+    assert laboratory.server.handle(SetHand("anna", parsed([pair])), laboratory.now_ns) == 0
+    assert seat.hand.number == 0
+
+
+@pytest.mark.parametrize(
+    ("kind", "coupling", "can"),
+    [("cube", "wave", 1), ("faces", "wave", 1), ("wall", "wave", 0), ("cube", "partner", 0)],
+)
+def test_an_object_changes_where_its_world_alone_has_it(kind: str, coupling: str, can: int) -> None:
+    table = {**two(), "coupling": {"kind": coupling}, "object": {"kind": kind, "axes": 1}}
+    laboratory = Laboratory(resolve(table))
+    run_frames(laboratory, 16)
+    assert set_room(laboratory, "object.mass_kg=0.5") == can
+    assert bool(laboratory.room.unfit_change(RoomChange(0.5))) is not bool(can)
+    run_frames(laboratory, 256)
+    assert (laboratory.room.world.mass_kg == 0.5) is bool(can)
+    assert hypot(*laboratory.room.world.velocity) < 1.0
