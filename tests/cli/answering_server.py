@@ -6,6 +6,7 @@ from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager
 from typing import Any
 
+from cogrip.server.administration.orders import OrderReply
 from cogrip.server.io.control import Control
 from cogrip.server.io.state_folder import StateFolder
 
@@ -20,7 +21,7 @@ def answering(folder: StateFolder, answer: Callable[[Any], dict[str, Any]]) -> I
         while not stop.wait(0.001):
             for request in control.poll():
                 orders.append(request.order)
-                control.answer(request, **answer(request.order))
+                control.answer(request, OrderReply(**{"ok": True, **answer(request.order)}))
 
     with ThreadPoolExecutor(1) as pool:
         loop = pool.submit(serve)

@@ -16,10 +16,11 @@ import pytest
 from cogrip.cli.admin.token_new import expiry
 from cogrip.cli.terminal.problem import BadInput
 from cogrip.protocol.wire.join_link import JoinLink, parse_link
+from cogrip.server.administration.orders import KickOrder, ReloadOrder
 from cogrip.server.admission.admission import Grant
 from cogrip.server.admission.tokens import Token
 from cogrip.server.io import control as control_module
-from cogrip.server.io.control import Control, KickOrder, ReloadOrder
+from cogrip.server.io.control import Control
 from cogrip.server.io.state_folder import ServerRecord, StateFolder, make_folder, write_private, write_server
 from cogrip.server.io.token_file import TokenFile
 

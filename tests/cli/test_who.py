@@ -6,8 +6,8 @@ from pathlib import Path
 
 import pytest
 
+from cogrip.server.administration.orders import OrderReply, WhoOrder
 from cogrip.server.admission.roster import RosterEntry
-from cogrip.server.io.control import OrderReply, WhoOrder
 from cogrip.server.io.state_folder import ServerRecord, StateFolder, make_folder, write_server
 
 from tests.cli.answering_server import answering

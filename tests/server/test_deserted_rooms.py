@@ -13,9 +13,9 @@ from cogrip.machine.stop import Stop
 from cogrip.protocol.recording.records import Input
 from cogrip.protocol.wire.session import LOST_NS
 from cogrip.server import inputs
+from cogrip.server.administration.orders import MarkOrder
 from cogrip.server.checkpoint import decode
 from cogrip.server.io import checkpoint_file
-from cogrip.server.io.control import MarkOrder
 from cogrip.server.io.housekeeping import EVERY_NS, POLL_EVERY_NS, Housekeeping
 from cogrip.server.io.loop import LiveServer
 from cogrip.server.io.paced_room import PacedRoom, deserted_among

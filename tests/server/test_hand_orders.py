@@ -7,10 +7,10 @@ import pytest
 from cogrip.machine.stop import Stop
 from cogrip.protocol.settings.hand import parsed
 from cogrip.protocol.settings.room import resolve
+from cogrip.server.administration.orders import Request, SetHandOrder
 from cogrip.server.checkpoint import decode
 from cogrip.server.inputs import SetHand as HandSet
 from cogrip.server.io import checkpoint_file
-from cogrip.server.io.control import Request, SetHandOrder
 from cogrip.server.io.hand_orders import AwaitedOrders
 from cogrip.server.io.housekeeping import POLL_EVERY_NS, Housekeeping
 from cogrip.server.io.loop import LiveServer

@@ -5,9 +5,10 @@ import msgspec
 from cogrip.protocol.wire import messages
 from cogrip.protocol.wire.messages import Heartbeat, Leave, Stamp
 from cogrip.protocol.wire.session import ClientSession
+from cogrip.server.administration.orders import OrderReply
 from cogrip.server.admission.roster import MOST_LISTED, RosterEntry, roster_of
 from cogrip.server.inputs import UnbindAddress
-from cogrip.server.io.control import MOST_ANSWER_BYTES, OrderReply
+from cogrip.server.io.control import MOST_ANSWER_BYTES
 
 from tests.protocol.two_ends import MS, exchange, hello, seated, waves
 

@@ -15,6 +15,7 @@ import pytest
 from cogrip.machine.server_platform import message_pair
 from cogrip.machine.stop import Stop
 from cogrip.protocol.wire.messages import padded
+from cogrip.server.administration.orders import KickOrder, OrderReply, WhoOrder
 from cogrip.server.admission.admission import AdmissionServices, Grant
 from cogrip.server.admission.roster import RosterEntry
 from cogrip.server.core import ServerCore
@@ -38,7 +39,6 @@ from cogrip.server.hosting.workers.front import shares
 from cogrip.server.hosting.workers.paths import WorkerSockets
 from cogrip.server.hosting.workers.steering import Steering, open_path, open_public
 from cogrip.server.hosting.workers.verdicts import FrontVerdicts
-from cogrip.server.io.control import KickOrder, OrderReply, WhoOrder
 from cogrip.server.io.datagram_path import DatagramPath
 from cogrip.server.rate_limit import RateLimiter
 

@@ -3,7 +3,7 @@
 from cogrip.cli.admin.state_folder import Port, State, answer_of, check_words
 from cogrip.cli.terminal.output import make_console
 from cogrip.protocol.wire.join_link import DEFAULT_PORT
-from cogrip.server.io.control import MOST_REASON, DrainOrder
+from cogrip.server.administration.orders import MOST_REASON, DrainOrder
 
 
 def drain(host: str, /, *, state: State = None, port: Port = DEFAULT_PORT) -> int:

@@ -8,7 +8,7 @@ from cogrip.cli.admin.state_folder import Port, State, answer_of, check_words
 from cogrip.cli.terminal.output import make_console
 from cogrip.cli.terminal.problem import BadInput
 from cogrip.protocol.wire.join_link import DEFAULT_PORT
-from cogrip.server.io.control import MOST_REASON, MOST_WORD, KickOrder
+from cogrip.server.administration.orders import MOST_REASON, MOST_WORD, KickOrder
 
 
 def kick(

@@ -5,7 +5,7 @@ from cogrip.cli.terminal.output import make_console
 from cogrip.cli.terminal.problem import BadInput
 from cogrip.protocol.wire.join_link import DEFAULT_PORT
 from cogrip.protocol.wire.messages import MARK_BYTES
-from cogrip.server.io.control import MOST_WORD, MarkOrder
+from cogrip.server.administration.orders import MOST_WORD, MarkOrder
 
 
 def mark(text: str, /, *, room: str = "", state: State = None, port: Port = DEFAULT_PORT) -> int:

@@ -12,7 +12,8 @@ from cogrip.cli.terminal.tables import Fitted, columns_table, say
 from cogrip.protocol.settings.hand import parsed
 from cogrip.protocol.settings.settable import NOT_SETTABLE, PERSON, ROOM, Settable, room_change
 from cogrip.protocol.wire.join_link import DEFAULT_PORT
-from cogrip.server.io.control import MOST_WORD, SetHandOrder, SetRoomOrder
+from cogrip.server.administration.operations import SetBody
+from cogrip.server.administration.orders import MOST_WORD
 
 
 def set_values(
@@ -41,14 +42,14 @@ def set_values(
     name, pairs = ("", words) if "=" in words[0] else (words[0], words[1:])
     for what, text in (("name", name), ("--room", room)):
         check_words(f"set: {what}", text, MOST_WORD)
-    order: SetHandOrder | SetRoomOrder
     try:
-        order = SetHandOrder(name, parsed(pairs), room) if name else SetRoomOrder(room_change(pairs), room)
+        _ = parsed(pairs) if name else room_change(pairs)
     except ValueError as error:
         own = not name and all(pair.partition("=")[0] in {row.key for row in PERSON} for pair in pairs)
         whose = f"set: name somebody first: cogrip set NAME {pairs[0]}" if own else f"set: {error}"
         raise BadInput(whose) from None
-    answer, _ = answer_of("set", order, state, port)
+    values = {key.strip(): value.strip().strip("\"'") for key, _, value in (pair.partition("=") for pair in pairs)}
+    answer, _ = answer_of("set", SetBody(values, name, room), state, port)
     make_console(soft_wrap=True).print(answer.text)
     return 0
 

@@ -10,17 +10,15 @@ from cyclopts import Parameter
 
 from cogrip.cli.terminal.problem import BadInput, Problem, within
 from cogrip.protocol.wire.join_link import DEFAULT_PORT
-from cogrip.server.io.control import (
+from cogrip.server.administration.operations import SetBody
+from cogrip.server.administration.orders import (
     DrainOrder,
     KickOrder,
     MarkOrder,
-    NotRunningError,
     OrderReply,
-    SetHandOrder,
-    SetRoomOrder,
     WhoOrder,
-    ask,
 )
+from cogrip.server.io.control import NotRunningError, ask
 from cogrip.server.io.state_folder import (
     NoStateError,
     ServerRecord,
@@ -56,7 +54,7 @@ def server_at(folder: StateFolder) -> ServerRecord | None:
 
 def answer_of(
     command: str,
-    order: WhoOrder | KickOrder | MarkOrder | SetHandOrder | SetRoomOrder | DrainOrder,
+    order: WhoOrder | KickOrder | MarkOrder | SetBody | DrainOrder,
     state: Path | None,
     port: int,
 ) -> tuple[OrderReply, Path]:

@@ -9,8 +9,9 @@ from cogrip.cli.admin.state_folder import Port, State, state_at
 from cogrip.cli.terminal.output import make_console
 from cogrip.cli.terminal.problem import BadInput, Problem
 from cogrip.protocol.wire.join_link import DEFAULT_PORT
+from cogrip.server.administration.orders import ReloadOrder
 from cogrip.server.admission.tokens import TokenBook, UnknownTokenError
-from cogrip.server.io.control import ControlError, NotRunningError, ReloadOrder, ask
+from cogrip.server.io.control import ControlError, NotRunningError, ask
 from cogrip.server.io.state_folder import StateError, StateFolder
 from cogrip.server.io.token_file import TokenFile
 

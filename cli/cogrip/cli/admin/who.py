@@ -13,8 +13,8 @@ from cogrip.cli.terminal.tables import Fitted, clock, columns_table
 from cogrip.protocol.settings.coupling_kinds import GATE_MJ
 from cogrip.protocol.texts import shown
 from cogrip.protocol.wire.join_link import DEFAULT_PORT
+from cogrip.server.administration.orders import MOST_WORD, WhoOrder
 from cogrip.server.admission.roster import RosterEntry
-from cogrip.server.io.control import MOST_WORD, WhoOrder
 
 _HEADINGS = ("name", "room", "seat", "address", "since", "rtt ms", "up ms", "down ms", "lost", "device")
 _SHORT = {"name": 16}

@@ -23,8 +23,9 @@ from cogrip.machine.addition import add_integers
 from cogrip.protocol.recording.reader import Follower, RecordedMessage, RecordingError
 from cogrip.protocol.recording.records import Record, Row, SeatStep, Step, Tick
 from cogrip.results.reading.folder import SERVER_RECORDING, client_recording
+from cogrip.server.administration.orders import WhoOrder
 from cogrip.server.admission.roster import RosterEntry
-from cogrip.server.io.control import ControlError, WhoOrder, ask
+from cogrip.server.io.control import ControlError, ask
 from cogrip.server.io.state_folder import StateFolder
 from cogrip.server.recorder import step_topic
 

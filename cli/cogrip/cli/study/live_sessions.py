@@ -29,7 +29,8 @@ from cogrip.protocol.settings.sections import Settings, User
 from cogrip.protocol.wire.session import ClientSession
 from cogrip.results.measures.goal import Goal, GoalWatch
 from cogrip.results.reading.folder import SETTINGS, client_log, write_settings
-from cogrip.server.io.control import MarkOrder, ask
+from cogrip.server.administration.orders import MarkOrder
+from cogrip.server.io.control import ask
 from cogrip.server.io.state_folder import StateError, find_folder
 from cogrip.view.io.feed import LiveFeed
 from cogrip.view.panel import Prompt

@@ -5,16 +5,11 @@ from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 
+import msgspec
+
 from cogrip.machine.addition import add_integers
-from cogrip.server.admission.roster import MOST_LISTED
-from cogrip.server.events import ServerEvent
-from cogrip.server.hosting.link import Answered, Obey
-from cogrip.server.hosting.placement import HomeProcess
-from cogrip.server.hosting.public_socket import PublicSocket
-from cogrip.server.io.authenticator import READING, TokenAuthenticator
-from cogrip.server.io.control import (
+from cogrip.server.administration.orders import (
     NO_CLUSTER,
-    Control,
     DrainOrder,
     KickOrder,
     MarkOrder,
@@ -26,6 +21,13 @@ from cogrip.server.io.control import (
     StatusOrder,
     WhoOrder,
 )
+from cogrip.server.admission.roster import MOST_LISTED
+from cogrip.server.events import ServerEvent
+from cogrip.server.hosting.link import Answered, Obey
+from cogrip.server.hosting.placement import HomeProcess
+from cogrip.server.hosting.public_socket import PublicSocket
+from cogrip.server.io.authenticator import READING, TokenAuthenticator
+from cogrip.server.io.control import Control
 from cogrip.server.io.metrics_feed import MetricsFeed
 from cogrip.server.io.published_state import PublishedState
 from cogrip.server.io.service_notify import ServiceNotifier
@@ -67,6 +69,9 @@ class Administration:
         self._next_ns = self._watchdog_ns = 0
         self._start_ns = time.monotonic_ns()
         front.answered = self._take_answer
+        if control is not None:
+            self._say = front.say = control.publishing(say)
+            control.metrics_at = metrics.address if metrics is not None else ""
         if authenticator is not None:
             front.revoke = authenticator.revoke
 
@@ -140,22 +145,22 @@ class Administration:
         if isinstance(order, ReloadOrder):
             text, ok = self._reload()
             if not (ok and self._authenticator and self._front.homes.rereads):
-                self._control.answer(request, text, ok=ok)
+                self._control.answer(request, OrderReply(ok, text))
                 return  # else each room has to read them, and to end who came in by them
         if isinstance(order, DrainOrder):
             text, ok = self._drain(order.host)
-            self._control.answer(request, text, ok=ok)
+            self._control.answer(request, OrderReply(ok, text))
             return
         room = "" if isinstance(order, StatusOrder | ReloadOrder) else order.room
         if isinstance(order, SetRoomOrder) and not room and len(self._front.rooms) > 1:
             names = ", ".join(sorted(self._front.rooms))
-            self._control.answer(request, f"there are several rooms; name one by --room: {names}", ok=False)
+            self._control.answer(request, OrderReply(False, f"there are several rooms; name one by --room: {names}"))
             return
         if isinstance(order, SetHandOrder) and not room:
             seats = sorted(self._front.rooms_of(order.user))
             if len(seats) > 1:
                 text = f"{order.user!r} is seated in several rooms; name one by --room"
-                self._control.answer(request, text, ok=False)
+                self._control.answer(request, OrderReply(False, text))
                 return
             room = seats[0] if seats else ""
         ready = [worker for worker in self._front.homes.workers if worker.state == "ready"]
@@ -178,7 +183,9 @@ class Administration:
     def _answer(self, each: _WaitingOrder) -> None:
         assert self._control is not None
         answer = merged(each.request.order, each.answers, len(self._front.rooms))
-        self._control.answer(each.request, answer.text, ok=answer.ok, people=answer.people)
+        if isinstance(each.request.order, StatusOrder):
+            answer = msgspec.structs.replace(answer, degraded=self._degraded())
+        self._control.answer(each.request, answer)
 
     def _snapshot(self, now_ns: int) -> Snapshot:
         """Return one of all workers: their rooms side by side, their counts summed."""
@@ -190,22 +197,26 @@ class Administration:
             dropped.update(part.dropped)
         replaced = self._front.homes.replaced
         failed = Counter({"worker replaced": replaced} if replaced else {})
-        degraded = {
-            "tokens": self._authenticator.not_written if self._authenticator is not None else "",
-            "directory": unknown,
-            "orders": self._control.trouble if self._control is not None else "",
-            **({self.published.name: self.published.trouble} if self.published is not None else {}),
-            **self.more_degraded(),
-        }
+        degraded = self._degraded()
         for part in parts:
             failed.update(part.failed)
             degraded |= part.degraded
-        degraded = {name: why for name, why in degraded.items() if why}
         rooms = sorted((room for part in parts for room in part.rooms), key=lambda room: room.room)
         uptime_s = (now_ns - self._start_ns) * 1e-9
         received = self._front.received + add_integers(part.received or 0 for part in parts)
         sent = self._front.sent + add_integers(part.sent or 0 for part in parts)
         return Snapshot(self._software, uptime_s, tuple(rooms), dict(dropped), received, sent, dict(failed), degraded)
+
+    def _degraded(self) -> dict[str, str]:
+        """Return what the front cannot write or know now, and why."""
+        degraded = {
+            "tokens": self._authenticator.not_written if self._authenticator is not None else "",
+            "directory": self._front.homes.unknown,
+            "orders": self._control.trouble if self._control is not None else "",
+            **({self.published.name: self.published.trouble} if self.published is not None else {}),
+            **self.more_degraded(),
+        }
+        return {name: why for name, why in degraded.items() if why}
 
 
 def merged(order: object, answers: Sequence[OrderReply], rooms: int) -> OrderReply:
@@ -216,6 +227,11 @@ def merged(order: object, answers: Sequence[OrderReply], rooms: int) -> OrderRep
         return answers[0]
     good = [answer for answer in answers if answer.ok]
     match order:
+        case StatusOrder() if good:
+            found = sorted((room for each in good for room in each.rooms), key=lambda room: room.name)[:MOST_LISTED]
+            gone = {name: why for each in good for name, why in each.degraded.items()}
+            words = f"{rooms} rooms in {len(good)} of {len(answers)} processes that were asked"
+            return OrderReply(len(good) == len(answers), words, rooms=tuple(found), degraded=gone)
         case WhoOrder() if good:
             people = tuple(
                 sorted((who for each in good for who in each.people), key=lambda who: (who.room, who.seat is None))

@@ -13,9 +13,9 @@ import msgspec
 
 from cogrip.machine.server_platform import receive_with_descriptors, send_with_descriptors
 from cogrip.protocol.io.dtls_session import SessionKeys
+from cogrip.server.administration.orders import AnyOrder, OrderReply
 from cogrip.server.admission.admission import Denied, Grant
 from cogrip.server.events import ServerEvent
-from cogrip.server.io.control import AnyOrder, OrderReply
 
 MOST_BYTES = 1 << 18  # longest message
 BUFFER_BYTES = 1 << 20

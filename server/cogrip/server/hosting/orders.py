@@ -1,11 +1,9 @@
 """An administrator's orders as a worker gets them, and its measures as the front gets them."""
 
 from collections import deque
-from collections.abc import Sequence
 
-from cogrip.server.admission.roster import RosterEntry
+from cogrip.server.administration.orders import AnyOrder, OrderReply, Request
 from cogrip.server.hosting.link import Answered, NewSnapshot, ProcessLink
-from cogrip.server.io.control import AnyOrder, OrderReply, Request
 from cogrip.server.snapshot import Snapshot, encode
 
 
@@ -26,10 +24,10 @@ class LinkOrders:
         self._waiting.clear()
         return found
 
-    def answer(self, request: Request, text: str, *, ok: bool = True, people: Sequence[RosterEntry] = ()) -> None:
+    def answer(self, request: Request, reply: OrderReply) -> None:
         """Answer an order."""
         assert isinstance(request.caller, int)
-        self._link.send(Answered(request.caller, OrderReply(ok, text, tuple(people))))
+        self._link.send(Answered(request.caller, reply))
 
     def close(self) -> None:
         """Do nothing: the link goes on."""
@@ -37,6 +35,8 @@ class LinkOrders:
 
 class LinkMeasures:
     """Snapshots for the front, in place of `MetricsFeed`. not_taken: those that found no room."""
+
+    address = ""
 
     def __init__(self, link: ProcessLink) -> None:
         self._link = link

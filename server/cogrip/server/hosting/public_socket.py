@@ -53,7 +53,7 @@ class PublicSocket:
         self.dropped: Counter[str] = Counter()
         self.received = 0
         self.sent = 0
-        self._public, self._stop, self._say, self._channel = public, stop, say, channel
+        self._public, self._stop, self.say, self._channel = public, stop, say, channel
         self._arrivals = Arrivals(public)
         self._authenticator = authenticator or AdmitAll()
         self._selector = selectors.DefaultSelector()
@@ -166,6 +166,6 @@ class PublicSocket:
     def _event(self, event: ServerEvent) -> None:
         """Say what unauthenticated peers can cause, a bounded number of times."""
         if self._budget.take(UNAUTHENTICATED_EVENTS.index(event.event), time.monotonic_ns()):
-            self._say(event)
+            self.say(event)
         else:
             self.dropped[f"event not said: {event.event}"] += 1

@@ -1,4 +1,4 @@
-"""Control of a running server by commands: one JSON line each way over a unix socket in its state folder.
+"""Administration of a running server: HTTP with JSON over a unix socket in its state folder (docs/administration.md).
 
 The folder's mode decides who may ask. The server's half never waits: it is polled between two ticks.
 """
@@ -8,32 +8,47 @@ import os
 import socket
 import time
 from collections import Counter
-from collections.abc import Sequence
-from contextlib import suppress
-from dataclasses import dataclass
-from typing import Annotated, NamedTuple, Protocol
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager, suppress
+from dataclasses import dataclass, field
 
+import h11
 import msgspec
 
 from cogrip.machine.server_platform import local_socket
-from cogrip.protocol.settings.hand import HandChange
-from cogrip.protocol.settings.settable import RoomChange
-from cogrip.server.admission.roster import RosterEntry
+from cogrip.server.administration.connection import (
+    MOST_ANSWER_BYTES,
+    MOST_BODY_BYTES,
+    HttpCaller,
+    HttpRequest,
+    RefusedError,
+)
+from cogrip.server.administration.operations import (
+    METRICS,
+    Answer,
+    EventFilter,
+    SetBody,
+    UnknownError,
+    order_of,
+    request_of,
+)
+from cogrip.server.administration.orders import AnyOrder, OrderReply, Request
+from cogrip.server.events import ServerEvent
 from cogrip.server.io.state_folder import FILE_MODE, StateError, StateFolder
 
-MOST_REQUEST_BYTES = 4096
-MOST_ANSWER_BYTES = 65536
 MOST_CALLERS = 8  # most callers at once; further ones wait in the socket's queue
+MOST_STREAMS = 8  # most streams of events at once, beside the callers
+MOST_UNSENT_BYTES = (
+    65536  # most bytes that wait for one stream's reader; events beyond them are counted, and told as "lost"
+)
 CALLER_LIMIT_NS = 5_000_000_000
+ALIVE_NS = 15_000_000_000  # time between two comments in a stream
 ASK_LIMIT_S = 5.0
 _QUEUE_WAIT_S = 0.01
 NO_ROOM = (errno.ENOSPC, errno.EDQUOT, errno.EROFS, errno.EIO)  # error numbers of a folder that may take files again
 AGAIN_NS = 5_000_000_000
 MOST_PATH_BYTES = 103  # longest path of a unix socket on every system: 107 bytes on Linux, 103 on macOS
-
-MOST_WORD, MOST_REASON = 40, 200  # most characters of a word, and of a reason
-Word = Annotated[str, msgspec.Meta(max_length=MOST_WORD)]
-Words = Annotated[str, msgspec.Meta(max_length=MOST_REASON)]
+LOST = "lost_events"  # event of a stream that tells how many its reader was too slow for
 
 
 class ControlError(StateError):
@@ -44,99 +59,27 @@ class NotRunningError(ControlError):
     """There is no server."""
 
 
-class Order(msgspec.Struct, frozen=True, forbid_unknown_fields=True, tag_field="verb"):
-    """Order to a server."""
-
-
-class KickOrder(Order, frozen=True, tag="kick"):
-    """End the sessions of this name."""
-
-    user: Word
-    room: Word = ""  # name of the room; "" whichever
-    reason: Words = ""
-    revoke: bool = False  # void their token too
-
-
-class MarkOrder(Order, frozen=True, tag="mark"):
-    """Set a marker."""
-
-    text: Words
-    room: Word = ""  # name of the room; "" every room
-
-
-class SetHandOrder(Order, frozen=True, tag="set"):
-    """Change somebody's hand settings."""
-
-    user: Word
-    change: HandChange
-    room: Word = ""  # name of the room; "" whichever
-
-
-class SetRoomOrder(Order, frozen=True, tag="set_room"):
-    """Change a room's settings."""
-
-    change: RoomChange
-    room: Word = ""  # name of the room; "" where the server has one alone
-
-
-class ReloadOrder(Order, frozen=True, tag="reload"):
-    """Read the tokens again."""
-
-
-class StatusOrder(Order, frozen=True, tag="status"):
-    """Return uptime and rooms."""
-
-
-class WhoOrder(Order, frozen=True, tag="who"):
-    """Return the roster."""
-
-    room: Word = ""  # name of the room; "" every room
-
-
-class DrainOrder(Order, frozen=True, tag="drain"):
-    """Let the rooms of a host of the cluster move to others."""
-
-    host: Words
-
-
-class OrderReply(msgspec.Struct, frozen=True, forbid_unknown_fields=True, omit_defaults=True):
-    """Answer to an order."""
-
-    ok: bool
-    text: str
-    people: tuple[RosterEntry, ...] = ()
-
-
-NO_CLUSTER = "this server is no part of a cluster (serve --cluster): it has one host, which cannot be drained"
-AnyOrder = KickOrder | MarkOrder | SetHandOrder | SetRoomOrder | ReloadOrder | StatusOrder | WhoOrder | DrainOrder
-
-
 @dataclass(slots=True, eq=False)
 class _Caller:
     """unsent: rest of the answer; None: no answer yet."""
 
     socket: socket.socket
     since_ns: int
-    received: bytes = b""
+    http: HttpCaller = field(default_factory=HttpCaller)
     asked: bool = False
     unsent: bytes | None = None
 
 
-class Request(NamedTuple):
-    """Order that waits for its answer. caller: as whoever takes orders knows the one who asks."""
+@dataclass(slots=True, eq=False)
+class _Stream:
+    """Reader of events. lost: those that found no room since it was told last."""
 
-    order: AnyOrder
-    caller: object
-
-
-class Orders(Protocol):
-    """Source of orders. poll: new ones; answer: answers one."""
-
-    def poll(self, now_ns: int | None = None) -> list[Request]: ...
-
-    def answer(self, request: Request, text: str, *, ok: bool = True, people: Sequence[RosterEntry] = ()) -> None: ...
-
-    def close(self) -> None: ...
+    socket: socket.socket
+    http: HttpCaller
+    takes: EventFilter
+    next_alive_ns: int
+    unsent: bytes
+    lost: int = 0
 
 
 class Control:
@@ -150,7 +93,9 @@ class Control:
         self.dropped: Counter[str] = Counter()
         self.trouble = ""
         self._path = _fit_path(folder)
+        self.metrics_at = ""  # address of the metrics' page, where there is one
         self._callers: list[_Caller] = []
+        self._streams: list[_Stream] = []
         self._again_ns = 0
         self._listen()
 
@@ -173,7 +118,7 @@ class Control:
         self._socket.setblocking(False)
 
     def poll(self, now_ns: int | None = None) -> list[Request]:
-        """Return new orders, each to be answered by `answer`; one system call where nobody asks."""
+        """Return new orders, each to be answered by `answer`; one system call where nobody asks or reads events."""
         now_ns = time.monotonic_ns() if now_ns is None else now_ns
         if self.trouble:
             if now_ns < self._again_ns:
@@ -189,14 +134,44 @@ class Control:
                 self._drop(caller, "silent" if not caller.asked else "slow")
             elif caller.unsent is not None:
                 self._send(caller)
-            elif not caller.asked and (order := self._receive(caller)) is not None:
+            elif not caller.asked and (order := self._receive(caller, now_ns)) is not None:
                 requests.append(Request(order, caller))
+        for stream in self._streams.copy():
+            if now_ns >= stream.next_alive_ns:
+                stream.next_alive_ns = now_ns + ALIVE_NS
+                stream.unsent = stream.unsent or stream.http.alive()
+            self._send_on(stream)
         return requests
 
-    def answer(self, request: Request, text: str, *, ok: bool = True, people: Sequence[RosterEntry] = ()) -> None:
+    def publish(self, event: ServerEvent) -> None:
+        """Give an event to whoever reads events; sent by the next `poll`."""
+        for stream in self._streams:
+            if not stream.takes.takes(event):
+                continue
+            if len(stream.unsent) > MOST_UNSENT_BYTES:
+                stream.lost += 1
+                self.dropped["event without a reader"] += 1
+                continue
+            if stream.lost:
+                stream.unsent += stream.http.event(
+                    ServerEvent(LOST, f"{stream.lost} events were not told: read faster")
+                )
+                stream.lost = 0
+            stream.unsent += stream.http.event(event)
+
+    def publishing(self, say: Callable[[ServerEvent], None]) -> Callable[[ServerEvent], None]:
+        """Return what says an event, and publishes it."""
+
+        def both(event: ServerEvent) -> None:
+            say(event)
+            self.publish(event)
+
+        return both
+
+    def answer(self, request: Request, reply: OrderReply) -> None:
         """Answer an order; a caller that has gone is counted."""
         if isinstance(request.caller, _Caller) and request.caller in self._callers:
-            self._answer(request.caller, OrderReply(ok, text, tuple(people)))
+            self._answer(request.caller, 200 if reply.ok else 409, reply)
         else:
             self.dropped["nobody waits"] += 1
 
@@ -204,6 +179,10 @@ class Control:
         """Close the socket and remove its file."""
         for caller in self._callers.copy():
             self._end(caller)
+        for stream in self._streams.copy():
+            self._send_on(stream)
+            stream.socket.close()
+        self._streams.clear()
         self._socket.close()
         with suppress(OSError):
             os.unlink(self._path)
@@ -220,43 +199,71 @@ class Control:
             connection.setblocking(False)
             self._callers.append(_Caller(connection, now_ns))
 
-    def _receive(self, caller: _Caller) -> AnyOrder | None:
+    def _receive(self, caller: _Caller, now_ns: int) -> AnyOrder | None:
         try:
-            piece = caller.socket.recv(MOST_REQUEST_BYTES + 1 - len(caller.received))
+            piece = caller.socket.recv(MOST_BODY_BYTES)
         except BlockingIOError:
             return None
         except OSError as error:
             self._drop(caller, f"socket: {error.strerror}")
             return None
-        caller.received += piece
-        line, end, rest = caller.received.partition(b"\n")
-        if len(line) >= MOST_REQUEST_BYTES:
-            self._refuse(caller, "too long", f"an order may have {MOST_REQUEST_BYTES} bytes")
-            return None
-        if not end:
-            if not piece:
-                self._drop(caller, "cut short")
-            return None
         try:
-            if rest:
-                raise msgspec.DecodeError("more than one line")
-            order: AnyOrder = msgspec.json.decode(line, type=AnyOrder)
-        except (msgspec.DecodeError, UnicodeDecodeError, RecursionError) as error:
-            self._refuse(caller, "malformed", f"that is no order: {error}")
-            return None
+            request = caller.http.receive(piece)
+            return None if request is None else self._obey(caller, request, now_ns)
+        except RefusedError as error:
+            if not piece:
+                self._drop(caller, error.reason)
+            else:
+                self._refuse(caller, error.reason, str(error), error.status)
+        except UnknownError as error:
+            self._refuse(caller, "unknown", str(error), error.status)
+        except (msgspec.DecodeError, UnicodeError, RecursionError, ValueError) as error:
+            self._refuse(caller, "malformed", f"that is no order: {error}", 400)
+        return None
+
+    def _obey(self, caller: _Caller, request: HttpRequest, now_ns: int) -> AnyOrder | None:
+        """Return the order of a request; what needs none is answered here."""
         caller.asked = True
-        return order
+        asked = order_of(*request)
+        if isinstance(asked, EventFilter):
+            self._begin_stream(caller, asked, now_ns)
+        elif not isinstance(asked, Answer):
+            return asked
+        elif request.target != METRICS:
+            self._answer(caller, asked.status, asked.value)
+        elif self.metrics_at:
+            self._answer(caller, 307, {"ok": True, "text": self.metrics_at}, self.metrics_at)
+        else:
+            self._answer(caller, 404, OrderReply(False, "this server has no metrics; start it with --metrics PORT"))
+        return None
 
-    def _refuse(self, caller: _Caller, reason: str, text: str) -> None:
+    def _begin_stream(self, caller: _Caller, takes: EventFilter, now_ns: int) -> None:
+        if len(self._streams) == MOST_STREAMS:
+            text = f"{MOST_STREAMS} programs read events already; end one of them"
+            self._answer(caller, 503, OrderReply(False, text))
+            return
+        self._callers.remove(caller)
+        self._streams.append(_Stream(caller.socket, caller.http, takes, now_ns + ALIVE_NS, caller.http.begin_stream()))
+
+    def _refuse(self, caller: _Caller, reason: str, text: str, status: int) -> None:
         self.dropped[reason] += 1
-        self._answer(caller, OrderReply(False, text))
+        self._answer(caller, status, OrderReply(False, text))
 
-    def _answer(self, caller: _Caller, answer: OrderReply) -> None:
-        line = msgspec.json.encode(answer) + b"\n"
-        if len(line) > MOST_ANSWER_BYTES:
-            line = msgspec.json.encode(OrderReply(False, f"the answer would have {len(line)} bytes, too many")) + b"\n"
-        caller.unsent = line
+    def _answer(self, caller: _Caller, status: int, value: object, place: str = "") -> None:
+        caller.asked = True
+        caller.unsent = caller.http.answer(status, value, place)
         self._send(caller)
+
+    def _send_on(self, stream: _Stream) -> None:
+        """Send what waits for a stream's reader; end the stream where the reader is gone."""
+        try:
+            while stream.unsent:
+                stream.unsent = stream.unsent[stream.socket.send(stream.unsent) :]
+        except BlockingIOError:
+            return
+        except OSError:
+            self._streams.remove(stream)
+            stream.socket.close()
 
     def _send(self, caller: _Caller) -> None:
         assert caller.unsent is not None
@@ -279,20 +286,46 @@ class Control:
         caller.socket.close()
 
 
-def ask(folder: StateFolder, order: AnyOrder, limit_s: float = ASK_LIMIT_S) -> OrderReply:
+def ask(folder: StateFolder, order: AnyOrder | SetBody, limit_s: float = ASK_LIMIT_S) -> OrderReply:
     """Ask the running server, and wait for its answer. Raises NotRunningError, ControlError."""
-    path = _fit_path(folder)
-    received = bytearray()
     until_s = time.monotonic() + limit_s
+    body = b""
+    with asking(folder, order, until_s, limit_s) as (connection, http):
+        received = 0
+        while not isinstance(event := http.next_event(), h11.EndOfMessage | h11.ConnectionClosed):
+            if event is h11.NEED_DATA:
+                connection.settimeout(max(until_s - time.monotonic(), 0.001))
+                piece = connection.recv(MOST_ANSWER_BYTES)
+                received += len(piece)
+                if received > 2 * MOST_ANSWER_BYTES:
+                    break
+                http.receive_data(piece)
+            elif isinstance(event, h11.Data):
+                body += bytes(event.data)
+    try:
+        return msgspec.json.decode(body, type=OrderReply)
+    except (msgspec.DecodeError, UnicodeDecodeError, RecursionError):
+        raise ControlError(
+            f"the server with the state in {folder.path} broke off before it answered; look at what it says itself"
+        ) from None
+
+
+@contextmanager
+def asking(
+    folder: StateFolder, order: "AnyOrder | SetBody | EventFilter", until_s: float, limit_s: float
+) -> Iterator[tuple[socket.socket, h11.Connection]]:
+    """Send a request, and give the connection that the answer comes on. Raises NotRunningError, ControlError."""
+    path = _fit_path(folder)
+    method, target, body = request_of(order)
+    http = h11.Connection(h11.CLIENT)
+    headers = [("host", "cogrip"), ("content-length", f"{len(body)}"), ("content-type", "application/json")]
+    events = h11.Request(method=method, target=target, headers=headers), h11.Data(data=body), h11.EndOfMessage()
+    request = b"".join([http.send(event) or b"" for event in events])
     with local_socket(socket.SOCK_STREAM) as connection:
         try:
             _connect(connection, path, until_s)
-            connection.sendall(msgspec.json.encode(order) + b"\n")
-            while not received.endswith(b"\n") and len(received) <= MOST_ANSWER_BYTES:
-                connection.settimeout(max(until_s - time.monotonic(), 0.001))
-                if not (piece := connection.recv(MOST_ANSWER_BYTES)):
-                    break
-                received += piece
+            connection.sendall(request)
+            yield connection, http
         except (FileNotFoundError, ConnectionRefusedError):
             raise NotRunningError(
                 f"no server is running with the state in {folder.path}; start it, or name the right one by --state or --port"
@@ -302,16 +335,12 @@ def ask(folder: StateFolder, order: AnyOrder, limit_s: float = ASK_LIMIT_S) -> O
                 f"the server with the state in {folder.path} did not answer within {limit_s:g} s; "
                 "if it is stopped or hangs, start it again"
             ) from None
-        except (ConnectionResetError, BrokenPipeError):
-            received.clear()
+        except (ConnectionResetError, BrokenPipeError, h11.RemoteProtocolError):
+            raise ControlError(
+                f"the server with the state in {folder.path} broke off before it answered; look at what it says itself"
+            ) from None
         except OSError as error:
             raise ControlError(f"{path}: the server cannot be asked: {error.strerror}; run this as its user") from None
-    try:
-        return msgspec.json.decode(received, type=OrderReply)
-    except (msgspec.DecodeError, UnicodeDecodeError, RecursionError):
-        raise ControlError(
-            f"the server with the state in {folder.path} broke off before it answered; look at what it says itself"
-        ) from None
 
 
 def _connect(connection: socket.socket, path: str, until_s: float) -> None:

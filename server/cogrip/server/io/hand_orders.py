@@ -4,8 +4,8 @@ from collections.abc import Callable
 from typing import NamedTuple
 
 from cogrip.server import inputs
+from cogrip.server.administration.orders import Request, SetHandOrder
 from cogrip.server.core import ServerCore
-from cogrip.server.io.control import Request, SetHandOrder
 from cogrip.server.seats.participants import Seat
 
 ANSWER_NS = 3_000_000_000  # longest time that a client may take to answer: less than the one who asks waits

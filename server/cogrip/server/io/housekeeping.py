@@ -3,30 +3,33 @@
 import time
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
+from math import hypot
 from pathlib import Path
 from typing import Protocol
 
 from cogrip.machine.addition import add_integers
 from cogrip.protocol.settings.tool_frame import ToolFrame
 from cogrip.server import inputs
+from cogrip.server.administration.orders import (
+    NO_CLUSTER,
+    DrainOrder,
+    KickOrder,
+    MarkOrder,
+    OrderReply,
+    Orders,
+    ReloadOrder,
+    Request,
+    RoomEntry,
+    SetHandOrder,
+    SetRoomOrder,
+    WhoOrder,
+)
 from cogrip.server.admission.roster import MOST_LISTED, RosterEntry, roster_of
 from cogrip.server.checkpoint import CheckpointError, decode, encode
 from cogrip.server.events import ServerEvent
 from cogrip.server.io.authenticator import READING
 from cogrip.server.io.checkpoint_file import CheckpointWriter, WriterThread
-from cogrip.server.io.control import (
-    NO_CLUSTER,
-    Control,
-    DrainOrder,
-    KickOrder,
-    MarkOrder,
-    Orders,
-    ReloadOrder,
-    Request,
-    SetHandOrder,
-    SetRoomOrder,
-    WhoOrder,
-)
+from cogrip.server.io.control import Control
 from cogrip.server.io.hand_orders import AwaitedOrders
 from cogrip.server.io.loop import LiveServer
 from cogrip.server.io.published_state import PublishedState
@@ -83,9 +86,12 @@ class Checkpoints(Protocol):
 
 
 class Measures(Protocol):
-    """Reader of snapshots, such as `MetricsFeed`."""
+    """Reader of snapshots, such as `MetricsFeed`. address: of their page; "" where they have none of their own."""
 
     not_taken: int
+
+    @property
+    def address(self) -> str: ...
 
     def put(self, snapshot: Snapshot) -> None: ...
 
@@ -129,6 +135,9 @@ class Housekeeping:
         server.marked = trigger.fire if trigger else None
         self._notifier = ServiceNotifier()
         self._control = orders or (Control(folder) if folder else None)
+        if isinstance(self._control, Control):
+            self._say = server.say = self._control.publishing(say)
+            self._control.metrics_at = metrics.address if metrics is not None else ""
         self._hand_orders = AwaitedOrders(server.core, lambda request, text, ok: self._answer(request, text, ok))
         self._writers: dict[str, Checkpoints] = {}
         self._thread: WriterThread | None = None  # of all writers
@@ -364,12 +373,16 @@ class Housekeeping:
             case WhoOrder() as order:
                 text, ok, entries = self._who(order)
             case _:
-                text, ok = self._status(), True
+                self._reply(request, self._status())
+                return
         self._answer(request, text, ok, entries)
 
     def _answer(self, request: Request, text: str, ok: bool, people: Sequence[RosterEntry] = ()) -> None:
+        self._reply(request, OrderReply(ok, text, tuple(people)))
+
+    def _reply(self, request: Request, reply: OrderReply) -> None:
         assert self._control is not None
-        self._control.answer(request, text, ok=ok, people=people)
+        self._control.answer(request, reply)
 
     def _kick(self, order: KickOrder) -> tuple[str, bool]:
         core = self._server.core
@@ -421,9 +434,24 @@ class Housekeeping:
         words = f"{len(entries)} in {len(rooms)} room{'s' if len(rooms) != 1 else ''}" if entries else "nobody is here"
         return f"{words}; {more} are not listed" if more > 0 else words, True, entries[:MOST_LISTED]
 
-    def _status(self) -> str:
-        rooms = [
+    def _status(self) -> OrderReply:
+        server = self._server
+        server.count_deserted(time.monotonic_ns())
+        rooms = server.core.rooms
+        names = [
             f"{room.name}: {', '.join(seat.name for seat in room.seats if seat.state == 'seated') or 'nobody'}"
-            for room in self._server.core.rooms
+            for room in rooms[:MOST_LISTED]
         ]
-        return f"up for {self._server.elapsed_s:.0f} s; {'; '.join(rooms)}"
+        text = f"up for {server.elapsed_s:.0f} s; {'; '.join(names)}"
+        return OrderReply(
+            True, text, rooms=tuple([_entry(room) for room in rooms[:MOST_LISTED]]), degraded=self.degraded()
+        )
+
+
+def _entry(room: Room) -> RoomEntry:
+    motion, axes, places = room.world_step.motion(), room.world.axes, room.world.places
+    seated = add_integers(seat.state == "seated" for seat in room.seats)
+    return RoomEntry(
+        room.name, len(room.seats), seated, len(room.observer_slots.observers), room.steps, motion[:places],
+        hypot(*motion[axes : axes + places]), room.changes.text,
+    )  # fmt: skip

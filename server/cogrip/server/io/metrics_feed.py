@@ -42,6 +42,11 @@ class MetricsFeed:
         self._complained = False
         self._process = self._start()
 
+    @property
+    def address(self) -> str:
+        """Address of the page."""
+        return f"http://127.0.0.1:{self.port}/metrics"
+
     def _start(self) -> subprocess.Popen[bytes]:
         """Raises OSError."""
         self._started_ns = self._clock()

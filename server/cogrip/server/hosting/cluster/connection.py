@@ -20,6 +20,7 @@ import msgspec
 from cogrip.machine.platform import system
 from cogrip.protocol.io.cluster_address import ClusterError as ClusterError
 from cogrip.protocol.io.cluster_address import probe
+from cogrip.server.administration.orders import OrderReply
 from cogrip.server.events import ServerEvent
 from cogrip.server.hosting.cluster import pipe
 from cogrip.server.hosting.cluster.announcement import AnnouncementFile
@@ -37,7 +38,6 @@ from cogrip.server.hosting.cluster.pipe import (
 )
 from cogrip.server.hosting.cluster.ray_process import CALL_S, END_S, RayFront
 from cogrip.server.hosting.link import Answered, Obey
-from cogrip.server.io.control import OrderReply
 from cogrip.server.io.state_folder import StateFolder
 from cogrip.server.snapshot import Snapshot, decode
 

@@ -40,13 +40,13 @@ class ClusterFront(PublicSocket):
     def _poll(self, now_ns: int) -> None:
         self.pool.poll(now_ns * 1e-9)
         while self.pool.lines:
-            self._say(self.pool.lines.popleft())
+            self.say(self.pool.lines.popleft())
         for answer in self.pool.answers():
             self.answered(answer)
         for room, home in self.pool.homes.items():
             if room in self.rooms and self._told.get(room) != home.place:
                 self._told[room] = home.place
-                self._say(ServerEvent("notice", f"room {room} is served at {home.place}", room))
+                self.say(ServerEvent("notice", f"room {room} is served at {home.place}", room))
 
     def _arrived(self, datagram: bytes, address: PeerAddress, now_ns: int, arrived_ns: int) -> None:
         for message in self._channel.receive(datagram, address, now_ns):

@@ -14,13 +14,13 @@ from typing import Any
 
 import msgspec
 
+from cogrip.server.administration.orders import AnyOrder, OrderReply
 from cogrip.server.events import ServerEvent
 from cogrip.server.hosting.cluster.directory import ProcessStart, Report
 from cogrip.server.hosting.cluster.lines import Lines
 from cogrip.server.hosting.cluster.replicas import Kept, Replicas, gather, next_host
 from cogrip.server.hosting.cluster.room_process import RoomProcess
 from cogrip.server.hosting.cluster.template import Template, TemplateError
-from cogrip.server.io.control import AnyOrder, OrderReply
 
 NAMESPACE, DIRECTORY = "cogrip", "directory"
 EVERY_S = 0.25  # time between two reports

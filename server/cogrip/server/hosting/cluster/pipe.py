@@ -9,8 +9,8 @@ from collections.abc import Callable
 
 import msgspec
 
+from cogrip.server.administration.orders import AnyOrder
 from cogrip.server.hosting.cluster.directory import ClusterState
-from cogrip.server.io.control import AnyOrder
 
 SIZE = struct.Struct("<I")
 

@@ -18,6 +18,7 @@ from typing import Any
 import msgspec
 
 from cogrip.protocol.io.cluster_address import ClusterError, probe
+from cogrip.server.administration.orders import OrderReply
 from cogrip.server.hosting.cluster import pipe
 from cogrip.server.hosting.cluster.directory import ClusterState
 from cogrip.server.hosting.cluster.directory_actor import DirectoryActor
@@ -35,7 +36,6 @@ from cogrip.server.hosting.cluster.pipe import (
     Silent,
 )
 from cogrip.server.hosting.cluster.ray_token import asks_for_token
-from cogrip.server.io.control import OrderReply
 
 EVERY_S = 0.2
 CALL_S = 3.0  # longest wait for an answer of the directory to an order

@@ -6,6 +6,7 @@ from collections.abc import Callable
 from contextlib import suppress
 
 from cogrip.machine.server_platform import end_at_once
+from cogrip.server.administration.orders import AnyOrder, OrderReply
 from cogrip.server.events import ServerEvent
 from cogrip.server.hosting.cluster.directory import Report
 from cogrip.server.hosting.cluster.template import Template
@@ -26,7 +27,6 @@ from cogrip.server.hosting.link import (
     Saved,
     Serve,
 )
-from cogrip.server.io.control import AnyOrder, OrderReply
 from cogrip.server.snapshot import decode
 
 ANSWER_S = 3.5

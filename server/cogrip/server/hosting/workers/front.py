@@ -251,7 +251,7 @@ class Front(PublicSocket):
             case Ready():
                 worker.state = "ready"
                 text = f"worker {worker.number} (process {worker.process.pid}) serves {named(worker.rooms)}"
-                self._say(ServerEvent("notice", text))
+                self.say(ServerEvent("notice", text))
             case Say():
                 asked = self._asking.get(given.address)
                 self._answer(worker, given)
@@ -349,7 +349,7 @@ class Front(PublicSocket):
         self._waiting = {at: each for at, each in self._waiting.items() if each.by is not worker}
         if rooms:
             text = f"worker {worker.number} has ended; another one goes on with {named(rooms)}"
-            self._say(ServerEvent("trouble", text))
+            self.say(ServerEvent("trouble", text))
 
 
 def shares(rooms: Sequence[str], workers: int) -> list[list[str]]:
