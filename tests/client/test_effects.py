@@ -10,9 +10,9 @@ from hypothesis import assume, example, given, settings
 from hypothesis import strategies as st
 from msgspec.structs import replace
 
-from cogrip.client.effects.active import Grating, Vibration
+from cogrip.client.effects.active import MOST_TURN, Grating, Vibration
 from cogrip.client.effects.effect_force import LAWS, EffectForce
-from cogrip.client.effects.laws import PassiveLaw
+from cogrip.client.effects.laws import Moment, PassiveLaw
 from cogrip.client.effects.tank import EnergyTank
 from cogrip.client.hand.frame import HandFrame
 from cogrip.client.sources.force_source import AtHand, ForceSources
@@ -33,6 +33,18 @@ def vibration(amplitude_n: float, frequency_hz: float, **more: Any) -> Effect:
     return Effect("vibration", direction=X, amplitude_n=amplitude_n, frequency_hz=frequency_hz, **more)
 
 
+def constant(force_n: float, **more: Any) -> Effect:
+    return Effect("constant", direction=X, force_n=force_n, **more)
+
+
+def perturbation(amplitude_n: float, seconds: float, **more: Any) -> Effect:
+    return Effect("perturbation", direction=X, amplitude_n=amplitude_n, seconds=seconds, **more)
+
+
+def curl(damping_nspm: float, z: float = 1.0) -> Effect:
+    return Effect("curl", direction=(0.0, 0.0, z), damping_nspm=damping_nspm)
+
+
 def texture(amplitude_n: float, period_m: float) -> Effect:
     return Effect("texture", direction=X, amplitude_n=amplitude_n, period_m=period_m)
 
@@ -43,6 +55,10 @@ SPRINGS = (
     Effect("path", points_m=((-0.01, 0.0, 0.0), (0.01, 0.0, 0.0)), stiffness_npm=300.0, force_n=1.0),
     Effect("zone", size_m=(0.005, 0.004, 0.0), stiffness_npm=500.0),
     Effect("zone", direction=(1.0, 2.0, -2.0), stiffness_npm=500.0),
+    Effect("zone", direction=(0.0, 1.0, 0.0), stiffness_npm=500.0, force_n=1.0),
+    Effect("spring", (0.001, -0.002, 0.0), stiffness_npm=200.0),
+    Effect("spring", (0.001, -0.002, 0.0), stiffness_npm=400.0, force_n=2.0),
+    Effect("channel", points_m=((-0.01, 0.0, 0.0), (0.01, 0.005, 0.0)), stiffness_npm=300.0),
 )
 places = st.lists(st.floats(-0.02, 0.02), min_size=3, max_size=3)
 
@@ -85,6 +101,21 @@ def held(effects: EffectForce, ticks: int, place: Callable[[int], float] = lambd
         forces.append(force[0])
         before = now
     return forces
+
+
+def travelled(
+    effects: EffectForce, way: Sequence[Sequence[float]], latency: int = 0
+) -> tuple[list[tuple[float, ...]], float]:
+    """Move a hand of several axes. Returns the force of each tick, and what the hand put in [J]."""
+    before, force, forces, put_in_j = tuple(way[0]), (0.0,) * len(way[0]), list[tuple[float, ...]](), 0.0
+    for tick, place in enumerate(map(tuple, way)):
+        step = np.subtract(place, before)
+        effects.enter(1, 1.0, before, place)
+        put_in_j += float(np.dot(force, step))
+        force = effects.force(at_hand(tick, place, tuple(step / TICK_S))) or force
+        forces.append(force)
+        before = place
+    return forces, put_in_j
 
 
 def steepest(forces: Sequence[float]) -> float:
@@ -143,6 +174,33 @@ def test_path_pulls_across_by_k_d_and_lets_go_along() -> None:
     assert list(felt.damper_n) == pytest.approx([0.0, 0.2])
 
 
+def test_channel_holds_the_hand_on_its_line_beyond_both_ends() -> None:
+    law = passive(Effect("channel", points_m=PATH, stiffness_npm=200.0, damping_nspm=2.0), 2)
+    for along in (-0.3, 0.03, 0.5):
+        felt = law.felt((along, 0.004), (0.2, 0.1))
+        assert list(felt.spring_n) == pytest.approx([0.0, 0.8])
+        assert list(felt.damper_n) == pytest.approx([0.0, 0.2])
+    ended = passive(Effect("path", points_m=PATH, stiffness_npm=200.0), 2)
+    assert list(ended.felt((-0.3, 0.0), STILL).spring_n) == pytest.approx([-60.0, 0.0])
+
+
+def test_spring_pulls_to_its_point_and_damps_every_motion() -> None:
+    law = passive(Effect("spring", (0.01, 0.0, 0.0), stiffness_npm=200.0, damping_nspm=3.0, force_n=1.5), 2)
+    near = law.felt((0.01, 0.005), (0.1, -0.2))
+    assert list(near.spring_n) == pytest.approx([0.0, 1.0])
+    assert list(near.damper_n) == pytest.approx([0.3, -0.6])
+    assert list(law.felt((0.11, 0.0), STILL).spring_n) == pytest.approx([1.5, 0.0])
+
+
+def test_zone_with_a_largest_force_is_a_load_that_costs_nothing_where_it_begins() -> None:
+    """Behind its plane it pushes with F_m over any way, and gives back what the hand put in."""
+    effects = force_of(Effect("zone", direction=(-1.0, 0.0, 0.0), stiffness_npm=1000.0, force_n=2.0), tank_mj=0.0)
+    out = np.linspace(-0.001, 0.1, 500)
+    forces, put_in_j = travelled(effects, [(x,) for x in (*out, *out[::-1])])
+    assert np.allclose([force for (force,) in forces[50:950]], 2.0)
+    assert abs(put_in_j) <= 1000 * 0.5 * 1000.0 * (0.101 / 500) ** 2
+
+
 def test_zone_only_pushes_out() -> None:
     law = passive(Effect("zone", direction=(-2.0, 0.0, 0.0), stiffness_npm=500.0, damping_nspm=4.0), 1)
     assert law.felt((-0.001,), (9.0,)).spring_n == ()
@@ -160,7 +218,8 @@ def test_vibration_has_its_amplitude_at_the_device(frequency_hz: float) -> None:
     turned = np.exp(-2j * np.pi * frequency_hz * (np.arange(len(steps)) + 0.5) * TICK_S / fine)
     assert 2.0 * abs(np.mean(steps * turned)) == pytest.approx(0.5, rel=0.002)
     law = Vibration(effect, 1, TICK_S)
-    assert steepest([law.force((0.0,), tick)[0] for tick in range(1024)]) <= law.slope_nps * (1.0 + 1e-9)
+    forces = [law.force(Moment((0.0,), (0.0,), tick, 0.0))[0] for tick in range(1024)]
+    assert steepest(forces) <= law.slope_nps * (1.0 + 1e-9)
 
 
 @pytest.mark.parametrize(("amplitude_n", "many", "least"), [(2.0, 1, 0.0), (0.795, 16, 950.0)])
@@ -193,6 +252,14 @@ SMALLEST: list[tuple[Callable[[float], Effect], float]] = [
     (lambda x: Effect("path", points_m=PATH, stiffness_npm=9.0, force_n=x), 5e-324),
     (lambda x: Effect("zone", size_m=(x, 0.0, 0.0), stiffness_npm=9.0), 5e-324),
     (lambda x: Effect("viscous", size_m=(x, 0.0, 0.0), damping_nspm=x), 5e-324),
+    (lambda x: curl(3.0, x), 1e-6),
+    (lambda x: curl(x, -1.0), 5e-324),
+    (lambda x: constant(x), 5e-324),
+    (lambda x: Effect("constant", direction=(0.0, x, 0.0), force_n=1.0), 1e-6),
+    (lambda x: perturbation(1.0, x), 1e-2),
+    (lambda x: Effect("spring", stiffness_npm=x, force_n=1.0), 5e-324),
+    (lambda x: Effect("spring", stiffness_npm=9.0, force_n=x), 5e-324),
+    (lambda x: Effect("channel", points_m=((0.0, 0.0, 0.0), (x, 0.0, 0.0)), stiffness_npm=9.0), 1e-4),
 ]
 
 
@@ -262,49 +329,134 @@ def test_fixture_around_a_hand_comes_as_far_as_the_tank_pays() -> None:
     assert rendered(effects, range(300, 301), 0.05, 0.005) == pytest.approx(1.0)
 
 
-newtons, stiffnesses = st.floats(0.1, 40.0), st.floats(1.0, 5e3)
+def circle(ticks: int, turns_hz: float, speed_mps: float) -> list[tuple[float, float]]:
+    angles = 2.0 * math.pi * turns_hz * TICK_S * np.arange(ticks)
+    radius = speed_mps / (2.0 * math.pi * abs(turns_hz))
+    return [(radius * math.cos(angle), radius * math.sin(angle)) for angle in angles]
+
+
+@pytest.mark.parametrize(("z", "expected"), [(1.0, (0.8, -0.4)), (-3.0, (-0.8, 0.4))])
+def test_curl_field_pushes_across_the_motion(z: float, expected: tuple[float, float]) -> None:
+    """On the hand F = B v x n, which is B [[0, 1], [-1, 0]] v for n = z."""
+    effects = force_of(curl(4.0, z), axes=2)
+    for tick in range(64):
+        force = effects.force(at_hand(tick, (0.0, 0.0), (0.1, 0.2)))
+    assert force == pytest.approx((-expected[0], -expected[1]))
+    spatial = force_of(Effect("curl", direction=(0.0, 2.0, 0.0), damping_nspm=4.0), axes=3)
+    for tick in range(64):
+        force = spatial.force(at_hand(tick, (0.0, 0.0, 0.0), (0.1, 0.2, 0.3)))
+    assert force == pytest.approx((4.0 * 0.3, 0.0, -4.0 * 0.1))
+
+
+@pytest.mark.parametrize("turns_hz", [1.0, -1.0])
+def test_curl_field_gives_what_its_lag_turns_of_it_and_takes_it_back(turns_hz: float) -> None:
+    """On a circle of angular rate w a lag of t gives B v^2 sin(w t) or takes it: here one tick, of the displacement."""
+    effects, speed = force_of(curl(5.0), axes=2, tank_mj=100.0), 0.2
+    _, first_j = travelled(effects, circle(200, turns_hz, speed))
+    lag = math.sin(2.0 * math.pi * turns_hz * TICK_S)
+    assert first_j == pytest.approx(5.0 * speed**2 * lag * 200 * TICK_S, rel=0.1)
+    small = force_of(curl(5.0), axes=2, tank_mj=3.0)
+    forces, put_in_j = travelled(small, circle(8192, turns_hz, speed))
+    left = max(0.0, -math.tan(2.0 * math.pi * turns_hz * TICK_S) / MOST_TURN)
+    assert small.tank.missing == pytest.approx(left, rel=0.02, abs=1e-6)
+    assert put_in_j >= -3e-3 * small.tank.missing * (1.0 + 1e-9)
+    sizes = np.hypot(*np.array(forces[64:]).T)
+    assert sizes.min() == pytest.approx(1.0, rel=1e-3), "B v, for ever"
+
+
+def test_curl_field_counts_among_the_dampers_that_a_device_carries() -> None:
+    effects = force_of(curl(6.0), Effect("viscous", damping_nspm=2.0), axes=2)
+    for tick in range(64):
+        force = effects.force(at_hand(tick, (0.0, 0.0), (0.0, 1.0), carried=(4.0, 1e5)))
+    assert force == pytest.approx((-3.0, 1.0))
+    assert effects.reduced
+    assert effects.local_n == pytest.approx(force), "the detector of oscillation sees all of it"
+    assert effects.account().reduced_s == pytest.approx(64 * TICK_S)  # type: ignore[union-attr]
+
+
+def test_constant_force_holds_against_the_hand_and_gives_way_as_the_tank_does() -> None:
+    effects = force_of(constant(2.0))
+    forces, put_in_j = travelled(effects, [(-1e-4 * tick,) for tick in range(600)])
+    assert np.allclose([force for (force,) in forces[21:]], -2.0), "it pushes towards +x, and rose in 20 ms"
+    assert put_in_j > 0.1
+    forces, put_in_j = travelled(effects, [(-0.06 + 1e-4 * tick,) for tick in range(600)])
+    assert -0.01 <= put_in_j <= -0.0099, "10 mJ, and no more"
+    way_m = 1e-4 * next(tick for tick, (force,) in enumerate(forces) if force > -1.9)
+    assert way_m == pytest.approx((0.01 - 2.0 * TICK_S) / 2.0, abs=2e-4), "(E - F v_m T) / F"
+    assert effects.account().reduced_s > 0.0  # type: ignore[union-attr]
+    forces, _ = travelled(force_of(constant(2.0, size_m=(0.01, 0.0, 0.0))), [(0.02,)] * 64)
+    assert not any(force for (force,) in forces)
+
+
+def test_perturbation_is_half_a_sine_of_its_time() -> None:
+    forces = held(force_of(perturbation(1.5, 0.1), tank_mj=100.0), 256)
+    assert min(forces) == pytest.approx(-1.5, rel=1e-3)
+    assert -sum(forces) * TICK_S == pytest.approx(2.0 * 1.5 * 0.1 / math.pi, rel=1e-3)
+    assert not any(forces[104:])
+    assert steepest(forces) <= math.pi * 1.5 / (102 * TICK_S) * (1.0 + 1e-9)
+
+
+def test_perturbation_with_a_box_begins_once_as_the_hand_comes_into_it() -> None:
+    effects = force_of(perturbation(1.0, 0.05, place_m=(0.03, 0.0, 0.0), size_m=(0.01, 0.0, 0.0)), tank_mj=100.0)
+    forces = held(effects, 1024, lambda tick: 0.04 * math.sin(2.0 * math.pi * tick / 512))
+    felt = [tick for tick, force in enumerate(forces) if force]
+    into = 512 * math.asin(0.5) / (2.0 * math.pi)
+    assert felt[0] == pytest.approx(into + 1.0, abs=1.0)
+    assert felt[-1] - felt[0] == pytest.approx(0.05 / TICK_S, abs=2.0)
+
+
+newtons, stiffnesses, metres = st.floats(0.1, 40.0), st.floats(1.0, 5e3), st.floats(0.0, 0.01)
 ACTIVE = st.one_of(
-    st.builds(vibration, newtons, st.floats(1.0, 250.0)), st.builds(texture, newtons, st.floats(1e-4, 0.1))
-)
+    st.builds(vibration, newtons, st.floats(1.0, 250.0)),
+    st.builds(texture, newtons, st.floats(1e-4, 0.1)),
+    st.builds(lambda force, half: constant(force, size_m=(half, 0.0, 0.0)), newtons, metres),
+    st.builds(lambda size, time, half: perturbation(size, time, size_m=(half, 0.0, 0.0)), newtons, st.floats(0.01, 0.1), metres),
+    st.builds(curl, newtons, st.sampled_from((-1.0, 1.0))),
+)  # fmt: skip
 PASSIVE_ONES = st.one_of(
-    st.builds(lambda b, h: Effect("viscous", size_m=(h, 0.0, 0.0), damping_nspm=b), newtons, st.floats(0.0, 0.01)),
+    st.builds(lambda b, h: Effect("viscous", size_m=(h, 0.0, 0.0), damping_nspm=b), newtons, metres),
     st.builds(lambda k, r: Effect("magnet", stiffness_npm=k, radius_m=r), stiffnesses, st.floats(1e-3, 0.05)),
     st.builds(lambda k: Effect("zone", size_m=(0.004, 0.0, 0.0), stiffness_npm=k), stiffnesses),
+    st.builds(lambda k, f: Effect("spring", (0.003, 0.001, 0.0), stiffness_npm=k, force_n=f), stiffnesses, newtons),
+    st.builds(lambda k: Effect("channel", points_m=PATH, stiffness_npm=k), stiffnesses),
 )
+Steps = list[tuple[float, float, float]]
+turns = st.sampled_from((0.0, 0.25)) | st.floats(0.0, 1.0)
 
 
 @settings(max_examples=1000)
 @given(
     effects=st.lists(ACTIVE, min_size=1, max_size=3),
     more=st.lists(PASSIVE_ONES, max_size=2),
-    steps=st.lists(st.tuples(st.floats(-1.0, 1.0), st.floats(0.0, 1.0)), min_size=1, max_size=40),
+    steps=st.lists(st.tuples(st.floats(-1.0, 1.0), turns, st.floats(0.0, 1.0)), min_size=1, max_size=40),
     tank_mj=st.floats(0.01, 20.0),
     latency=st.integers(0, 3),
 )
-@example([vibration(1.0, 76.0)], [], [(0.0, 1.0), (0.0, 0.0)], 0.5, 1)
+@example([vibration(1.0, 76.0)], [], [(0.0, 0.0, 1.0), (0.0, 0.0, 0.0)], 0.5, 1)
 @example(
     [vibration(1.0, 1.0)],
     [Effect("zone", size_m=(0.004, 0.0, 0.0), stiffness_npm=160.0)],
-    [(0.0, 0.0), (0.0, 1.0), (0.0, 0.0), (0.0, 1.0), (-1.0, 0.0)],
+    [(0.0, 0.0, 0.0), (0.0, 0.0, 1.0), (0.0, 0.0, 0.0), (0.0, 0.0, 1.0), (-1.0, 0.0, 0.0)],
     0.0625,
     2,
 )
 def test_tank_is_never_overdrawn(
-    effects: list[Effect], more: list[Effect], steps: list[tuple[float, float]], tank_mj: float, latency: int
+    effects: list[Effect], more: list[Effect], steps: Steps, tank_mj: float, latency: int
 ) -> None:
     """Whatever the hand does within the device's speed limit, and however the gain of safety falls and rises."""
-    rig = force_of(*effects, *more, tank_mj=tank_mj, latency=latency)
+    rig = force_of(*effects, *more, axes=2, tank_mj=tank_mj, latency=latency)
     sources = ForceSources(rig)
-    place, before, force, given_j = 0.0, 0.0, (0.0,), 0.0
-    active = [0.0] * (latency + 1)
-    for tick, (step, gain) in enumerate(steps):
-        place += step * TICK_S
-        sources.enter(1, force, force, (before,), (place,))
-        given_j -= active[tick] * (place - before)
-        sources.wish_n = wish_n = sources.added((0.0,), at_hand(tick, (place,), (step,), gain))
-        force = (gain * wish_n[0],)
-        active.append(gain * rig.active_n[0] if rig.asked_n else 0.0)
-        before = place
+    place, force, given_j = (0.0, 0.0), (0.0, 0.0), 0.0
+    active = [(0.0, 0.0)] * (latency + 1)
+    for tick, (speed, turn, gain) in enumerate(steps):
+        rate = speed * math.cos(2.0 * math.pi * turn), speed * math.sin(2.0 * math.pi * turn)
+        before, place = place, (place[0] + rate[0] * TICK_S, place[1] + rate[1] * TICK_S)
+        sources.enter(1, force, force, before, place)
+        given_j -= sum(a * v * TICK_S for a, v in zip(active[tick], rate, strict=True))
+        sources.wish_n = wish_n = sources.added((0.0, 0.0), at_hand(tick, place, rate, gain))
+        force = (gain * wish_n[0], gain * wish_n[1])
+        acting = rig._held[1] or (0.0, 0.0)
+        active.append((gain * acting[0], gain * acting[1]))
         assert rig.tank.overdrawn_j <= 1e-15
         assert 0.0 <= rig.tank.least_j <= rig.tank.level_j <= rig.tank.capacity_j
         if not more:

@@ -1,23 +1,24 @@
 """Effects of one seat: the force of all of them, a tick at a time, and the tank that pays for it (theory 7.8).
 
 Symbols: w rendered fraction of an effect, 0 to 1, the ramp of safety included, w' that of the next tick; U its potential
-[J], K its stiffness, P what its force may draw in a tick: the largest force times v_m T, v_m the device's speed limit.
+[J], K its stiffness, P what its force may draw in a tick: the largest force, as it moves now, times v_m T, v_m the device's
+speed limit.
 
     springs   w rises by what the tank pays: w' U - w U; w falls, and the tank gets that. Where U = 0 it costs nothing
     active    w is at most the share of P that is in the tank: it is empty before it is overdrawn
     dampers   fill the tank with what the hand puts into them
 
-Springs are rendered with at most what the device carries, dampers with what the coupling leaves of that.
+Springs are rendered with at most what the device carries, dampers and curl fields with what the coupling leaves of that.
 """
 
 from collections import deque
 from collections.abc import Callable, Mapping, Sequence
 from math import hypot, inf
 
-from cogrip.client.effects.active import Grating, Vibration
+from cogrip.client.effects.active import Constant, CurlField, Grating, Perturbation, Vibration
 from cogrip.client.effects.fields import ViscousField
-from cogrip.client.effects.laws import ActiveLaw, PassiveLaw
-from cogrip.client.effects.springs import ForbiddenZone, GuidingPath, Magnet
+from cogrip.client.effects.laws import ActiveLaw, Moment, PassiveForce, PassiveLaw
+from cogrip.client.effects.springs import ForbiddenZone, GuidingPath, Magnet, Spring
 from cogrip.client.effects.tank import EnergyTank
 from cogrip.client.rows.delay_line import DelayLine
 from cogrip.client.sources.force_source import AtHand, ForceSource
@@ -30,11 +31,12 @@ from cogrip.protocol.wire.accounts import EffectAccount
 from cogrip.protocol.wire.messages import Effects
 
 RAMP_S = 0.02  # time in which an effect fades in or out where it is not at rest
-MOST_STEP_N = 0.5  # largest change of the force in a tick by a spring that fades in or out
+MOST_STEP_N = 0.5  # largest change of the force in a tick by an effect that fades in or out
 
 LAWS: Mapping[EffectKind, Callable[[Effect, int, float], PassiveLaw | ActiveLaw]] = {
     "viscous": ViscousField, "vibration": Vibration, "texture": Grating, "magnet": Magnet, "path": GuidingPath,
-    "zone": ForbiddenZone,
+    "zone": ForbiddenZone, "curl": CurlField, "constant": Constant, "perturbation": Perturbation, "channel": GuidingPath,
+    "spring": Spring,
 }  # fmt: skip
 """Law of each kind, made of an effect, the places of the seat and the length of a tick [s]."""
 _NO_ROWS: tuple[Floats, Floats, Floats] = (), (), ()
@@ -50,7 +52,7 @@ class _Entry:
         self.passive = law if isinstance(law, PassiveLaw) else None
         self.active = law if isinstance(law, ActiveLaw) else None
         self.begun = tick
-        self.left_ticks = round(effect.seconds / tick_s) if effect.seconds else inf
+        self.left_ticks = round(effect.seconds / tick_s) if effect.seconds and not effect.waits else inf
         self.share = self.stored_j = 0.0
         self.ended = False
 
@@ -75,7 +77,8 @@ class EffectForce(ForceSource):
         self.tank = EnergyTank()
         self.held_j = 0.0
         self._version = 0
-        self._told = 0
+        self._told = self._less_ticks = 0
+        self._short = False  # whether the tank has not paid for all of this tick
 
     def leave(self, base_nspm: float) -> None:
         """Leave the coupling so much damping of what the device carries from now on [N s/m]."""
@@ -148,15 +151,32 @@ class EffectForce(ForceSource):
         for entry in self._entries.values():
             if at.tick - entry.begun >= entry.left_ticks:
                 entry.ended = True
+        self._short = False
         frame, gain, carried = at.frame, at.gain, (at.carried_nspm, at.carried_npm)
         position_m, velocity_mps = frame.place(at.position_m), frame.shown(at.velocity_mps)
         per_tool = frame.tool.force_scale / frame.tool.position_scale
-        active = self._active(at.tick, position_m, gain, at.carried_npm, per_tool)
-        spring, damper = self._passive(position_m, velocity_mps, gain, carried, frame.power_ratio)
-        at_hand = [frame.hand_force(row) for row in (active, spring, damper)]
-        total = tuple([a + s + d for a, s, d in zip(*at_hand, strict=True)])
-        self.active_n, self.local_n = at_hand[0], [s + d for s, d in zip(*at_hand[1:], strict=True)]
-        self._held = total, at_hand[0], at_hand[2]
+        felt = [
+            (entry, law, law.felt(position_m, velocity_mps))
+            for entry in self._entries.values() if (law := entry.passive) is not None
+        ]  # fmt: skip
+        present = [
+            (entry, law, not entry.ended and law.present(position_m, at.tick - entry.begun))
+            for entry in self._entries.values() if (law := entry.active) is not None
+        ]  # fmt: skip
+        damping = add_floats([law.damping_nspm for _, law, found in felt if found.damper_n])
+        damping += add_floats([law.damping_nspm for _, law, here in present if here])
+        most_b = min(1.0, max(0.0, carried[0] - self._base) / damping) if damping else 1.0
+        self.reduced = most_b < 1.0
+        moment = Moment(position_m, velocity_mps, at.tick, self.tank.missing)
+        timed, moving = self._active(moment, present, gain, (most_b, at.carried_npm), per_tool)
+        spring, damper = self._passive(felt, gain, (most_b, at.carried_npm), frame.power_ratio)
+        self._less_ticks += self.reduced or self._short
+        timed, moving, spring, damper = [frame.hand_force(row) for row in (timed, moving, spring, damper)]
+        active = [t + m for t, m in zip(timed, moving, strict=True)]
+        total = tuple([a + s + d for a, s, d in zip(active, spring, damper, strict=True)])
+        self.active_n = timed
+        self.local_n = [m + s + d for m, s, d in zip(moving, spring, damper, strict=True)]
+        self._held = total, active, damper
         self.asked_n = total
         return total
 
@@ -174,63 +194,65 @@ class EffectForce(ForceSource):
         for number in [number for number, entry in self._entries.items() if entry.ended and not entry.share]:
             del self._entries[number]
 
-    def _active(self, tick: int, position_m: Floats, gain: float, stiffness_npm: float, per_tool: float) -> list[float]:
-        """Return the force of the active effects, within what the tank holds. per_tool: force at the hand by the tool's."""
-        total, most_j, felt = [0.0] * self._axes, 0.0, []
-        present = [
-            (entry, law, not entry.ended and law.present(position_m))
-            for entry in self._entries.values() if (law := entry.active) is not None
-        ]  # fmt: skip
+    def _active(
+        self, at: Moment, present: Sequence[tuple[_Entry, ActiveLaw, bool]], gain: float, most: tuple[float, float],
+        per_tool: float,
+    ) -> tuple[list[float], list[float]]:  # fmt: skip
+        """Return the forces of the active effects, of those that follow time or place and of those that follow the motion.
+
+        All within what the tank holds. most: share of dampers, and stiffness [N/m], that the device carries; per_tool: force
+        at the hand by the tool's.
+        """
+        timed, moving, most_j, acting = [0.0] * self._axes, [0.0] * self._axes, 0.0, []
         slope_nps = per_tool * add_floats([law.slope_nps for _, law, here in present if here])
         texture_npm = add_floats([law.stiffness_npm for _, law, here in present if here])
         for entry, law, here in present:
             goal = gain if here else 0.0
             if law.slope_nps and slope_nps > self._slope_nps:
                 goal *= self._slope_nps / slope_nps
-            elif law.stiffness_npm and texture_npm > stiffness_npm:
-                goal *= stiffness_npm / texture_npm
+            elif law.stiffness_npm and texture_npm > most[1]:
+                goal *= most[1] / texture_npm
+            elif law.damping_nspm:
+                goal *= most[0]
             self.reduced = self.reduced or 0.0 < goal < gain
-            if entry.share == 0.0 and law.slope_nps and tick - entry.begun <= 1:
-                entry.share = goal  # a sine begins at 0
-            entry.share = min(_towards(entry.share, goal, self._step_share), gain)
+            if entry.share == 0.0 and law.at_zero(at.ticks - entry.begun):
+                entry.share = goal
+            size_n = per_tool * law.size_n(at.velocity_mps)
+            step = min(self._step_share, MOST_STEP_N / size_n) if size_n else self._step_share
+            entry.share = min(_towards(entry.share, goal, step), gain)
             if entry.share:
-                most_j += entry.share * law.most_n * per_tool * self._step_m
-                felt.append((entry, law))
+                most_j += entry.share * size_n * self._step_m
+                acting.append((entry, law))
         if len(self._reserved) == self._reserved.maxlen:
             self._reserved.popleft()  # has acted
         spare_j = self._spare_j()
         if most_j > spare_j:
             part = spare_j / most_j
-            for entry, _ in felt:
+            for entry, _ in acting:
                 entry.share *= part
             most_j *= part
+            self._short = True
         self._reserved.append(most_j)
-        for entry, law in felt:
-            for axis, force in enumerate(law.force(position_m, tick - entry.begun)):
+        for entry, law in acting:
+            total = moving if law.damping_nspm else timed
+            for axis, force in enumerate(law.force(at._replace(ticks=at.ticks - entry.begun))):
                 total[axis] += (entry.share / gain) * force
-        return total
+        return timed, moving
 
     def _spare_j(self) -> float:
         return max(0.0, self.tank.level_j - add_floats(self._reserved))
 
     def _passive(
-        self, position_m: Floats, velocity_mps: Floats, gain: float, carried: tuple[float, float], power_ratio: float
-    ) -> tuple[list[float], list[float]]:
-        """Return the forces of springs and dampers; what springs cost is paid."""
+        self, found: Sequence[tuple[_Entry, PassiveLaw, PassiveForce]], gain: float, most: tuple[float, float],
+        power_ratio: float,
+    ) -> tuple[list[float], list[float]]:  # fmt: skip
+        """Return the forces of springs and dampers; what springs cost is paid. most: as in `_active`."""
         springs, dampers = [0.0] * self._axes, [0.0] * self._axes
-        found = []
-        stiffness = damping = 0.0
-        for entry in self._entries.values():
-            if (law := entry.passive) is not None:
-                felt = law.felt(position_m, velocity_mps)
-                found.append((entry, felt))
-                stiffness += law.stiffness_npm if felt.spring_n else 0.0
-                damping += law.damping_nspm if felt.damper_n else 0.0
-        most_k = min(1.0, carried[1] / stiffness) if stiffness else 1.0
-        most_b = min(1.0, max(0.0, carried[0] - self._base) / damping) if damping else 1.0
-        self.reduced = self.reduced or most_k < 1.0 or most_b < 1.0
+        stiffness = add_floats([law.stiffness_npm for _, law, felt in found if felt.spring_n])
+        most_k = min(1.0, most[1] / stiffness) if stiffness else 1.0
+        self.reduced = self.reduced or most_k < 1.0
         self.held_j = 0.0
-        for entry, felt in found:
+        for entry, _, felt in found:
             goal = 0.0 if entry.ended else gain * most_k
             self._pay(entry, goal, gain, power_ratio * felt.stored_j, felt.spring_n)
             self.held_j += entry.stored_j
@@ -240,7 +262,7 @@ class EffectForce(ForceSource):
             for axis, force in enumerate(felt.spring_n):
                 springs[axis] += part * force
             for axis, force in enumerate(felt.damper_n):
-                dampers[axis] += part * most_b * force
+                dampers[axis] += part * most[0] * force
         return springs, dampers
 
     def _pay(self, entry: _Entry, goal: float, gain: float, potential_j: float, spring_n: Floats) -> None:
@@ -252,8 +274,8 @@ class EffectForce(ForceSource):
             size = hypot(*spring_n) if spring_n else 0.0
             step = min(self._step_share, MOST_STEP_N / size) if size else self._step_share
             share = _towards(before, goal, step)
-            if share > before and potential_j:
-                share = min(share, before + self._spare_j() / potential_j)
+            if share > before and potential_j and share > (paid := before + self._spare_j() / potential_j):
+                share, self._short = paid, True
         entry.share = share = min(share, gain)
         if share > before:
             self.tank.pay((share - before) * potential_j)
@@ -266,7 +288,7 @@ class EffectForce(ForceSource):
         tank = self.tank
         if not self._told:
             return None
-        return EffectAccount(tank.least_j - tank.overdrawn_j, tank.drawn_j)
+        return EffectAccount(tank.least_j - tank.overdrawn_j, tank.drawn_j, self._less_ticks * self._tick_s)
 
 
 def _towards(value: float, goal: float, step: float) -> float:

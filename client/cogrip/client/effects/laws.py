@@ -1,6 +1,7 @@
 """Base of the effects' laws. Rows have one number a place of the seat, F is the force on the law: it loads the hand.
 
-Passive laws (`PassiveLaw`) are springs of a potential U and dampers; active ones (`ActiveLaw`) a force of their own course.
+Passive laws (`PassiveLaw`) are springs of a potential U and dampers; active ones (`ActiveLaw`) whatever their work alone
+accounts for.
 """
 
 from abc import ABC, abstractmethod
@@ -47,20 +48,41 @@ class PassiveLaw(ABC):
         """Return what the law does here."""
 
 
+class Moment(NamedTuple):
+    """Hand in one tick, as an active law sees it. ticks: since it was told; missing: share of the tank that is not there."""
+
+    position_m: Floats
+    velocity_mps: Floats
+    ticks: int
+    missing: float
+
+
 class ActiveLaw(ABC):
-    """most_n: its force is never larger. slope_nps: nor the slope of one that follows time, stiffness_npm: of one in place."""
+    """most_n: its force is never larger, but for one that follows the motion (`size_n`).
+
+    slope_nps: nor the slope of one that follows time, stiffness_npm: of one in place, damping_nspm: of one that follows the motion.
+    """
 
     most_n = 0.0
     slope_nps = 0.0
     stiffness_npm = 0.0
+    damping_nspm = 0.0
 
     @abstractmethod
-    def present(self, position_m: Floats) -> bool:
-        """Return whether it is felt here."""
+    def present(self, position_m: Floats, ticks: int) -> bool:
+        """Return whether it is felt here, so many ticks after it was told."""
 
     @abstractmethod
-    def force(self, position_m: Floats, ticks: int) -> Floats:
-        """Return the force so many ticks after it began."""
+    def force(self, at: Moment) -> Floats:
+        """Return the force of a tick."""
+
+    def size_n(self, velocity_mps: Floats) -> float:
+        """Return what its force is at most at this velocity."""
+        return self.most_n
+
+    def at_zero(self, ticks: int) -> bool:
+        """Return whether its course passes 0 now: then it begins without a ramp."""
+        return False
 
 
 def unit(direction: Floats, places: int) -> list[float]:

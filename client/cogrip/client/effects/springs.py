@@ -1,9 +1,11 @@
-"""Fixtures that are springs: magnet, guiding path, forbidden zone (theory 7.8).
+"""Fixtures that are springs: magnet, spring to a point, guiding path, channel, forbidden zone (theory 7.8).
 
 Each force is the gradient of a potential U >= 0 whose curvature is K at most, so that a tick of a sampled one makes no more
-than K d^2 / 2. Symbols: x hand, d distance or depth [m], n direction in which U grows, K, B spring and damper, R radius [m].
+than K d^2 / 2. Symbols: x hand, d distance or depth [m], n direction in which U grows, K, B spring and damper, F_m largest
+force [N], R radius [m].
 """
 
+from abc import abstractmethod
 from itertools import pairwise
 from math import sqrt
 
@@ -38,51 +40,97 @@ class Magnet(PassiveLaw):
         return PassiveForce([pull * each for each in away], self.outside.stored_j * (1.0 - left**3), damper)
 
 
-class GuidingPath(PassiveLaw):
-    """Pull to the nearest point of a polyline: F = K d n up to F_m, U = K d^2 / 2, beyond F_m (d - F_m / (2 K)).
+class Bound:
+    """Force and potential of a spring over its length d: K d up to F_m, K d^2 / 2; beyond it F_m, F_m (d - F_m / (2 K))."""
 
-    The damper is of the motion across: B v less its part along the segment, so along the path the hand moves freely.
+    def __init__(self, effect: Effect) -> None:
+        self._stiffness = effect.stiffness_npm
+        self._far = effect.force_n / effect.stiffness_npm if effect.force_n else float("inf")
+
+    def at(self, distance_m: float) -> tuple[float, float]:
+        """Return force [N] and potential [J]."""
+        stiffness, far = self._stiffness, self._far
+        if distance_m > far:
+            return stiffness * far, stiffness * far * (distance_m - 0.5 * far)
+        return stiffness * distance_m, 0.5 * stiffness * distance_m * distance_m
+
+
+class Tether(PassiveLaw):
+    """Pull to the nearest point of a set: F = K d n up to F_m (`Bound`), d the distance from it.
+
+    The damper is of the motion across: B v less its part along the set, so along it the hand moves freely.
     """
 
+    def __init__(self, effect: Effect) -> None:
+        self.stiffness_npm, self.damping_nspm = effect.stiffness_npm, effect.damping_nspm
+        self._bound = Bound(effect)
+
+    @abstractmethod
+    def nearest(self, position_m: Floats) -> tuple[list[float], Floats]:
+        """Return the way here from the nearest point of the set, and a vector along the set there; () where it has none."""
+
+    def felt(self, position_m: Floats, velocity_mps: Floats) -> PassiveForce:
+        offset, along = self.nearest(position_m)
+        distance = sqrt(add_floats([each * each for each in offset]))
+        force, stored = self._bound.at(distance)
+        pull = force / distance if distance else self.stiffness_npm
+        return PassiveForce([pull * each for each in offset], stored, self._drag(along, velocity_mps[: len(offset)]))
+
+    def _drag(self, along: Floats, velocity_mps: Floats) -> Floats:
+        if not self.damping_nspm:
+            return ()
+        if not along:
+            return [self.damping_nspm * v for v in velocity_mps]
+        square = add_floats([t * t for t in along])
+        slide = add_floats([t * v for t, v in zip(along, velocity_mps, strict=True)]) / square
+        return [self.damping_nspm * (v - slide * t) for t, v in zip(along, velocity_mps, strict=True)]
+
+
+class Spring(Tether):
+    """Pull to a point, from anywhere."""
+
     def __init__(self, effect: Effect, places: int, tick_s: float) -> None:
+        super().__init__(effect)
+        self._place = effect.place_m[:places]
+
+    def nearest(self, position_m: Floats) -> tuple[list[float], Floats]:
+        return [x - middle for x, middle in zip(position_m, self._place, strict=False)], ()
+
+
+class GuidingPath(Tether):
+    """Pull to a polyline; a channel, to the whole line through its two points."""
+
+    def __init__(self, effect: Effect, places: int, tick_s: float) -> None:
+        super().__init__(effect)
+        self._ends = effect.kind == "path"
         points = [point[:places] for point in effect.points_m]
         self._segments = []
         for one, other in pairwise(points):
             along = [b - a for a, b in zip(one, other, strict=True)]
             self._segments.append((one, along, add_floats([each * each for each in along])))
-        self.stiffness_npm, self.damping_nspm = effect.stiffness_npm, effect.damping_nspm
-        self._far = effect.force_n / effect.stiffness_npm if effect.force_n else float("inf")
 
-    def felt(self, position_m: Floats, velocity_mps: Floats) -> PassiveForce:
-        best, offset, segment = float("inf"), [0.0], self._segments[0]
-        for each in self._segments:
-            one, along, square = each
+    def nearest(self, position_m: Floats) -> tuple[list[float], Floats]:
+        best, offset, direction = float("inf"), [0.0], self._segments[0][1]
+        for one, along, square in self._segments:
             start = [x - a for x, a in zip(position_m, one, strict=False)]
             share = add_floats([s * t for s, t in zip(start, along, strict=True)]) / square
-            share = min(1.0, max(0.0, share))
+            if self._ends:
+                share = min(1.0, max(0.0, share))
             away = [s - share * t for s, t in zip(start, along, strict=True)]
             if (distance := add_floats([each * each for each in away])) < best:
-                best, offset, segment = distance, away, each
-        distance, stiffness, far = sqrt(best), self.stiffness_npm, self._far
-        pull, stored = stiffness, 0.5 * stiffness * best
-        if distance > far:
-            pull, stored = stiffness * far / distance, stiffness * far * (distance - 0.5 * far)
-        return PassiveForce([pull * each for each in offset], stored, self._drag(segment, velocity_mps))
-
-    def _drag(self, segment: tuple[Floats, Floats, float], velocity_mps: Floats) -> Floats:
-        if not self.damping_nspm:
-            return ()
-        _, along, square = segment
-        slide = add_floats([t * v for t, v in zip(along, velocity_mps, strict=False)]) / square
-        return [self.damping_nspm * (v - slide * t) for t, v in zip(along, velocity_mps, strict=False)]
+                best, offset, direction = distance, away, along
+        return offset, direction
 
 
 class ForbiddenZone(PassiveLaw):
-    """Wall around a box, or behind a plane: F = -n max(0, K d - B n v), U = K d^2 / 2, n the outward normal. It only pushes."""
+    """Wall around a box, or behind a plane: F = -n max(0, K d - B n v), n the outward normal, K d up to F_m (`Bound`).
+
+    It only pushes.
+    """
 
     def __init__(self, effect: Effect, places: int, tick_s: float) -> None:
         self.stiffness_npm, self.damping_nspm = effect.stiffness_npm, effect.damping_nspm
-        self._place = effect.place_m[:places]
+        self._bound, self._place = Bound(effect), effect.place_m[:places]
         self._normal = unit(effect.direction, places) if any(effect.direction) else []
         self._sides = Box(effect, places).sides
 
@@ -90,12 +138,12 @@ class ForbiddenZone(PassiveLaw):
         depth, out = self._depth(position_m)
         if depth <= 0.0:
             return NOTHING
-        pushed = self.stiffness_npm * depth
+        pushed, stored = self._bound.at(depth)
         total = max(
             0.0, pushed - self.damping_nspm * add_floats([n * v for n, v in zip(out, velocity_mps, strict=False)])
         )
         damper = [(pushed - total) * n for n in out] if total != pushed else ()
-        return PassiveForce([-pushed * n for n in out], 0.5 * pushed * depth, damper)
+        return PassiveForce([-pushed * n for n in out], stored, damper)
 
     def _depth(self, position_m: Floats) -> tuple[float, list[float]]:
         """Return the depth, and the outward normal: of a box that of its nearest side."""

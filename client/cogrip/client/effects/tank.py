@@ -23,6 +23,11 @@ class EnergyTank:
         self.capacity_j = capacity_j
         self._set(min(self.level_j, capacity_j))
 
+    @property
+    def missing(self) -> float:
+        """Return which share of the capacity is not there."""
+        return 1.0 - self.level_j / self.capacity_j if self.capacity_j else 1.0
+
     def _set(self, level_j: float) -> None:
         self.level_j = level_j
         if level_j < self.least_j:

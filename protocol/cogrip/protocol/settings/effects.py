@@ -15,8 +15,11 @@ from msgspec.structs import replace
 from cogrip.protocol.axes import PLACES
 from cogrip.protocol.drawing import Shape
 from cogrip.protocol.settings.types import Name
+from cogrip.protocol.texts import MARK_BYTES
 
-EffectKind = Literal["viscous", "vibration", "texture", "magnet", "path", "zone"]
+EffectKind = Literal[
+    "viscous", "vibration", "texture", "magnet", "path", "zone", "curl", "constant", "perturbation", "channel", "spring",
+]  # fmt: skip
 """Kinds of effect. A kind is a name here, its row in EFFECT_KINDS, and its law in `cogrip.client.effects.effect_force`."""
 MOST_EFFECTS = 16  # most effects of one seat at once
 MOST_POINTS = 8  # most points of a path
@@ -35,19 +38,23 @@ LEAST_EVERY_S = 0.1
 """Least period of an effect that is switched and pushes as long as it is there: switched faster it is felt as a vibration,
 and taken for an oscillation."""
 LEAST_DIRECTION = 1e-6  # least length of a vector that still has a direction
-_PATH_RADIUS_M = 0.001
+LEAST_PULSE_S = (
+    0.01  # least time that a perturbation lasts: a shorter one is a knock, which a vibration of 0.1 s is as well
+)
+_PATH_RADIUS_M, _POINT_RADIUS_M = 0.001, 0.003
 _NO_END_M = 0.1  # half of the length that is drawn along an axis where a box has no end
 
 
 class Effect(msgspec.Struct, frozen=True, forbid_unknown_fields=True, omit_defaults=True):
     """One effect. A new one with the same values begins anew: it is known by itself, not by them.
 
-    place_m    middle of its box, of a magnet its point, of a zone with a direction a point of its plane
+    place_m    middle of its box, of a magnet or spring its point, of a zone with a direction a point of its plane
     size_m     half edges of the box that it fills; 0 along an axis: no end
-    direction  of a vibration, texture; of a zone: normal of its plane, towards where the hand may be
-    points_m   of a path, in order
-    force_n    most that a path or magnet pulls with; 0: no bound of its own
-    seconds    after which it ends; 0: until it is removed
+    direction  of a vibration, texture; in which a constant force or a perturbation pushes the hand; of a zone: normal of its
+               plane, towards where the hand may be; of a curl field: axis about which it turns, clockwise seen against it
+    points_m   of a path, in order; of a channel two of its line
+    force_n    of a constant force; most that a fixture pulls or pushes with, 0: no bound of its own
+    seconds    after which it ends, a perturbation with a box so long after the hand has come into that; 0: until it is removed
     """
 
     kind: EffectKind
@@ -64,11 +71,20 @@ class Effect(msgspec.Struct, frozen=True, forbid_unknown_fields=True, omit_defau
     force_n: Annotated[float, msgspec.Meta(ge=0.0, le=40.0)] = 0.0
     seconds: Annotated[float, msgspec.Meta(ge=0.0, le=1e6)] = 0.0
 
+    @property
+    def waits(self) -> bool:
+        """Return whether it begins as the hand comes into its box, and not as it is told."""
+        return self.kind == "perturbation" and any(self.size_m)
+
 
 class EffectSection(Effect, frozen=True, forbid_unknown_fields=True):
-    """[[effects]]: one that a room has from `start_s` on, again each `every_s`. users: whom it is for; () everybody."""
+    """[[effects]]: one that a room has from `start_s` on, again each `every_s`. users: whom it is for; () everybody.
+
+    marker: `start_s` counts from each marker with this text; "": from the room's beginning.
+    """
 
     users: tuple[Name, ...] = ()
+    marker: Annotated[str, msgspec.Meta(max_length=MARK_BYTES)] = ""
     start_s: Annotated[float, msgspec.Meta(ge=0.0, le=1e6)] = 0.0
     every_s: Annotated[float, msgspec.Meta(ge=0.0, le=1e6)] = 0.0
 
@@ -147,11 +163,34 @@ def _fits(effect: Effect, places: int) -> str:
 
 
 def _unfit_path(effect: Effect, places: int) -> str:
+    return _unfit_points(effect, places, MOST_POINTS)
+
+
+def _unfit_channel(effect: Effect, places: int) -> str:
+    return _unfit_points(effect, places, 2)
+
+
+def _unfit_points(effect: Effect, places: int, most: int) -> str:
     points = [point[:places] for point in effect.points_m]
-    if len(points) < 2 or any(dist(before, after) < LEAST_STEP_M for before, after in pairwise(points)):
+    if not 2 <= len(points) <= most or any(dist(before, after) < LEAST_STEP_M for before, after in pairwise(points)):
+        count = f"2 to {most}" if most > 2 else "2"
         apart = f"each at least {LEAST_STEP_M:g} m from the one before in the first {places} axes"
-        return f"needs points_m: 2 to {MOST_POINTS}, {apart}"
+        return f"needs points_m: {count}, {apart}"
     return "has nothing beside it in one axis; set object.axes to 2 or 3" if places == 1 else ""
+
+
+def _unfit_curl(effect: Effect, places: int) -> str:
+    if places == 1:
+        return "turns no motion of one axis; set object.axes to 2 or 3"
+    if places == 2 and abs(effect.direction[2]) < LEAST_DIRECTION:
+        return "needs a direction: its axis, of two axes [0, 0, 1], or [0, 0, -1] the other way round"
+    return "" if _directed(effect, PLACES) else "needs a direction: its axis, such as [0, 0, 1]"
+
+
+def _unfit_perturbation(effect: Effect, places: int) -> str:
+    if effect.seconds >= LEAST_PULSE_S:
+        return ""
+    return f"with seconds = {effect.seconds:g} is over before a hand feels it; give at least {LEAST_PULSE_S:g}"
 
 
 def _unfit_zone(effect: Effect, places: int) -> str:
@@ -171,6 +210,10 @@ def _box(effect: Effect, rgba: Rgba) -> list[Shape]:
 
 def _ball(effect: Effect, rgba: Rgba) -> list[Shape]:
     return [Shape("sphere", (effect.radius_m, 0.0, 0.0), place_m=effect.place_m, rgba=rgba)]
+
+
+def _point(effect: Effect, rgba: Rgba) -> list[Shape]:
+    return [Shape("sphere", (_POINT_RADIUS_M, 0.0, 0.0), place_m=effect.place_m, rgba=rgba)]
 
 
 def _polyline(effect: Effect, rgba: Rgba) -> list[Shape]:
@@ -208,7 +251,7 @@ class EffectTraits(NamedTuple):
     needs   parameters that must be above 0
     rgba    its colour in pictures and views
     drawn   shapes to draw one with, in that colour
-    course  its force has a course of its own, over time or place, along a direction: it is felt as a vibration
+    course  its force has a course of its own, over time or place, along a direction: switched fast it is a vibration
     unfit   what is wrong with one in so many places, with the cure; "" for nothing
     """
 
@@ -226,5 +269,12 @@ EFFECT_KINDS: Mapping[EffectKind, EffectTraits] = {
     "magnet": EffectTraits(("stiffness_npm", "radius_m"), (0.0, 0.45, 0.7, 0.25), _ball),
     "path": EffectTraits(("stiffness_npm",), (0.0, 0.62, 0.45, 0.8), _polyline, unfit=_unfit_path),
     "zone": EffectTraits(("stiffness_npm",), (0.84, 0.37, 0.0, 0.3), _plane_or_box, unfit=_unfit_zone),
+    "curl": EffectTraits(("damping_nspm",), (0.94, 0.89, 0.26, 0.25), unfit=_unfit_curl),
+    "constant": EffectTraits(("force_n",), (0.6, 0.6, 0.6, 0.25), course=True),
+    "perturbation": EffectTraits(
+        ("amplitude_n", "seconds"), (0.4, 0.4, 0.4, 0.25), course=True, unfit=_unfit_perturbation
+    ),
+    "channel": EffectTraits(("stiffness_npm",), (0.84, 0.37, 0.0, 0.8), _polyline, unfit=_unfit_channel),
+    "spring": EffectTraits(("stiffness_npm",), (0.0, 0.45, 0.7, 0.8), _point),
 }
 """One row a kind."""

@@ -77,7 +77,8 @@ class EffectAccount(msgspec.Struct, frozen=True, array_like=True):
     """Haptic effects that a client rendered, and their energy tank (docs/effects.md)."""
 
     least_tank_j: float = 0.0  # least energy that the tank held, less what late ticks drew beyond it
-    drawn_j: float = 0.0  # energy that vibration and texture drew in all
+    drawn_j: float = 0.0  # energy that active effects drew in all
+    reduced_s: float = 0.0  # time in which less was rendered than asked for, for the device's sake or the tank's
 
 
 class ClientAccount(msgspec.Struct, frozen=True, array_like=True):
