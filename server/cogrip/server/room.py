@@ -295,7 +295,7 @@ class Room:
                 apply(value)
         answers = self._advance(self._pop(frames, now_ns))
         state, work = self.world_step.motion(), self.world_step.port_work_j()
-        self.effects.follow(self.steps)
+        self.effects.follow(self.steps, self.markers)
         out: list[tuple[Address, bytes]] = []
         for number in range(len(self.seats)):
             seat = self.seats[number]

@@ -167,10 +167,10 @@ class Conductor:
 
     def _run_session(self, trial: Trial, people: Sequence[str], state: TrialState, runs: list[Path]) -> TrialEnded:
         shown = trial.presentations[state.session]
-        settings = self._study.settings_of(self._base, people, shown.changes, shown.seed)
         goal = self._study.goal_of(shown.changes)
         interval = "ab"[state.session] if len(trial.presentations) > 1 else ""
         name = run_name(trial.group + 1, trial.number, trial.block.name, state.attempt, interval)
+        settings = self._study.settings_of(self._base, people, shown.changes, shown.seed, name)
         folder = self._folder.path / RUNS / name
         runs.append(folder)
         return self._sessions.run(settings, folder, goal, trial.block.phases)

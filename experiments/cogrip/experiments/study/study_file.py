@@ -10,11 +10,13 @@ import msgspec
 from msgspec.structs import replace
 
 from cogrip.experiments.study.orders import Order
-from cogrip.experiments.study.phases import Phase, unfit_phases
+from cogrip.experiments.study.phases import Phase, phase_begun, unfit_phases
 from cogrip.experiments.study.questions import Question, items_of, unfit_question
 from cogrip.experiments.study.spread import unfit_spread
 from cogrip.experiments.study.staircase import Staircase, unfit_staircase
+from cogrip.experiments.study.trial import begun_by
 from cogrip.protocol.foreign_file import ForeignFileError
+from cogrip.protocol.settings.effects import EffectSection
 from cogrip.protocol.settings.room import resolve
 from cogrip.protocol.settings.sections import Settings
 from cogrip.protocol.settings.table import SettingsError, readable, refuse_unknown
@@ -22,6 +24,7 @@ from cogrip.protocol.settings.types import Name, Seed
 from cogrip.results.measures.goal import NO_GOAL, Goal, unfit_goal
 
 GOAL = "goal."  # prefix of keys of conditions that are the goal's, not the session's
+EFFECTS = "effects"  # key of a session or condition that names effects of the study
 OWN = frozenset({"name", "seed"})  # keys of a session that no condition sets
 BASE = "base"  # name of the condition of a study that names none
 _MOST_OF_A_GROUP, _MOST_ATTEMPTS = 99_999, 99  # largest numbers of a trial and of an attempt that a marker has room for
@@ -51,6 +54,17 @@ class SimulatedObserver(msgspec.Struct, frozen=True, forbid_unknown_fields=True)
     spread: dict[str, Annotated[float, msgspec.Meta(ge=0.0, le=1.0)]] = {}
 
 
+class StudyEffect(EffectSection, frozen=True, forbid_unknown_fields=True):
+    """[effects.NAME]: an effect of the conditions that name it. phase: with which it begins; "": with the trial."""
+
+    phase: str = ""
+
+    def in_run(self, run: str) -> dict[str, Any]:
+        """Return its table in the settings of a run: the run's own markers begin it."""
+        table = {name: value for name, value in msgspec.to_builtins(self).items() if name != "phase"}
+        return {"marker": phase_begun(run, self.phase) if self.phase else begun_by(run), **table}
+
+
 class Block(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     """[[blocks]]. conditions: names, () all; ask: after each trial; ask_after: at the end of the block.
 
@@ -74,6 +88,8 @@ class Block(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
 class Study(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     """A whole study. session: settings over those of the file `settings`; participants: people, or groups of people.
 
+    effects: by name, for `effects` of a session or condition, a list of names in place of [[effects]].
+
     axis: words under the conditions in figures; start: how people say that they are ready, of live sessions.
     """
 
@@ -91,6 +107,7 @@ class Study(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     end: Ending = "time"
     goal: Goal = NO_GOAL
     conditions: dict[Name, dict[str, Any]] = {}
+    effects: dict[Name, StudyEffect] = {}
     questions: dict[Name, Question] = {}
     simulated: SimulatedObserver = SimulatedObserver()
 
@@ -115,23 +132,47 @@ class Study(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
         return goal
 
     def settings_of(
-        self, base: Mapping[str, Any], people: Sequence[str], changes: Mapping[str, Any], seed: int
+        self, base: Mapping[str, Any], people: Sequence[str], changes: Mapping[str, Any], seed: int, run: str = ""
     ) -> Settings:
         """Return the settings of a session; users are called as the participants are. Raises SettingsError.
 
-        base: the table of the file `settings`, empty where there is none.
+        base: the table of the file `settings`, empty where there is none. run: name of its folder, with which effects begin.
         """
-        overrides = {key: value for key, value in changes.items() if not key.startswith(GOAL)}
-        settings = resolve(
-            base or self.session, {**dict(flat(self.session)), **overrides, "name": self.name, "seed": seed}
-        )
+        overrides = {
+            **dict(flat(self.session)),
+            **{key: each for key, each in changes.items() if not key.startswith(GOAL)},
+        }
+        if (named := self.effects_of(changes)) is not None:
+            overrides[EFFECTS] = [self.effects[name].in_run(run) for name in named]
+        elif any(key.startswith(f"{EFFECTS}.") for key in changes) and not (base or self.session).get(EFFECTS):
+            raise SettingsError(
+                'effects: a condition has their names; write [effects.field], and here effects = ["field"]'
+            )
+        settings = resolve(base or self.session, {**overrides, "name": self.name, "seed": seed})
         if len(settings.users) != len(people):
             raise SettingsError(
                 f"participants: a group of {len(people)} ({', '.join(people)}), and the session has {len(settings.users)} "
                 "users; give groups of as many"
             )
         users = tuple(replace(user, name=name) for user, name in zip(settings.users, people, strict=True))
-        return replace(settings, users=users)
+        called = dict(zip([user.name for user in settings.users], people, strict=True))
+        effects = tuple(replace(each, users=tuple(called[user] for user in each.users)) for each in settings.effects)
+        return replace(settings, users=users, effects=effects)
+
+    def effects_of(self, changes: Mapping[str, Any]) -> Sequence[str] | None:
+        """Return which effects of the study a session has by name; None where neither it nor its condition names any.
+
+        Raises SettingsError for a name that there is not.
+        """
+        named = changes.get(EFFECTS, self.session.get(EFFECTS))
+        if not isinstance(named, (list, tuple)) or not all(isinstance(name, str) for name in named):
+            return None
+        for name in named:
+            if name not in self.effects:
+                raise SettingsError(
+                    f"effects: there is no effect {name!r}; there is: {', '.join(self.effects) or 'none'}"
+                )
+        return named
 
 
 def flat(table: Mapping[str, Any], prefix: str = "") -> Iterator[tuple[str, Any]]:
@@ -195,6 +236,7 @@ def check(study: Study, base: Mapping[str, Any]) -> list[tuple[str, Settings]]:
             found.append((where, settings))
             lasts_s[condition] = settings.seconds
     _check_phases(study, lasts_s)
+    _check_effects(study)
     _check_levels(study, base)
     if why := unfit_spread(study.simulated.spread, {user.hand for _, each in found for user in each.users}):
         raise StudyError(why)
@@ -257,6 +299,18 @@ def _check_phases(study: Study, lasts_s: Mapping[str, float]) -> None:
     if study.simulated.begins and study.simulated.begins not in known:
         there = ", ".join(known) or "none"
         raise StudyError(f"simulated.begins: no block has a phase {study.simulated.begins!r}; there is: {there}")
+
+
+def _check_effects(study: Study) -> None:
+    for block in study.blocks:
+        known = [phase.name for phase in block.phases]
+        for condition in study.conditions_of(block):
+            for name in study.effects_of(study.changes(condition)) or ():
+                if (phase := study.effects[name].phase) and phase not in known:
+                    raise StudyError(
+                        f"effects.{name}: phase = {phase!r}, and blocks.{block.name} has none of that name; there is: "
+                        f"{', '.join(known) or 'none'}"
+                    )
 
 
 def run_name(group: int, number: int, block: str, attempt: int, interval: str) -> str:

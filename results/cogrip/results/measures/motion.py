@@ -67,6 +67,36 @@ def smoothness(run: RunColumns, person: int) -> float | None:
     return -log((len(jerk) / rate_hz) ** 3 / peak**2 * total) if peak > 0.0 and total > 0.0 else None
 
 
+def deviation_m(run: RunColumns, person: int) -> float | None:
+    """Largest distance of the hand, low-passed, from the straight way to the goal: in two axes above 0 to its left.
+
+    The way leads from where the hand was at the start by `goal.place_m`. None without that, and in one axis.
+    """
+    hand = run.people[person]
+    return _farthest_across(run, smooth(hand.position_m - hand.position_m[0], hand.rate_hz))
+
+
+def lateral_force_n(run: RunColumns, person: int) -> float | None:
+    """Largest force with which the hand presses, low-passed, across the way of `deviation_m`; signs and None as there."""
+    hand = run.people[person]
+    return _farthest_across(run, smooth(hand.force_n, hand.rate_hz))
+
+
+def _farthest_across(run: RunColumns, rows: Array) -> float | None:
+    """Return the part across the way to the goal that is largest, of columns of a person, (N, a)."""
+    axes = rows.shape[1]
+    way = np.zeros(axes)
+    way[: len(run.goal.place_m)] = run.goal.place_m[:axes]
+    length = float(np.linalg.norm(way))
+    if axes == 1 or length == 0.0 or not len(rows):
+        return None
+    way /= length
+    if axes == 2:
+        across = rows @ np.array([-way[1], way[0]])
+        return float(across[np.argmax(np.abs(across))])
+    return float(np.linalg.norm(rows - np.outer(rows @ way, way), axis=1).max())
+
+
 def mean_force_n(run: RunColumns, person: int) -> float:
     """Mean over time of the size of the force on the hand."""
     return float(np.mean(np.linalg.norm(run.people[person].force_n, axis=1)))

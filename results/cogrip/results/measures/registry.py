@@ -28,6 +28,8 @@ MEASURES: tuple[Measure, ...] = (
     Measure("completion_s", "completion time [s]", motion.completion_s, shared=True, of_goal=True),
     Measure(motion.ENDPOINT, "end point beyond the target's middle [m]", motion.endpoint_m, shared=True, of_goal=True),
     Measure("path_m", "path length [m]", motion.path_m),
+    Measure("deviation_m", "deviation from the straight way, peak [m]", motion.deviation_m, of_goal=True),
+    Measure("lateral_force_n", "force across the straight way, peak [N]", motion.lateral_force_n, of_goal=True),
     Measure("tracking_rms_m", "tracking error, rms [m]", motion.tracking_rms_m, shared=True),
     Measure("jerk_rms_mps3", "jerk, rms [m/s³]", motion.jerk_rms_mps3),
     Measure("smoothness", "log dimensionless jerk", motion.smoothness),

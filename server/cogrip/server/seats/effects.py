@@ -6,6 +6,7 @@ from cogrip.protocol.settings.effects import MOST_EFFECTS, Effect, EffectSection
 from cogrip.protocol.settings.sections import Settings
 from cogrip.protocol.wire.messages import Effects
 from cogrip.protocol.wire.reliable import Unanswered
+from cogrip.server.seats.markers import RoomMarkers
 
 TOLD_HZ = 64  # messages a second while the client has not answered
 SLOW_AFTER_S = 2.0  # time without an answer after which messages come at `SLOW_HZ`: the client may not know effects
@@ -20,20 +21,30 @@ class RoomEffects:
         self._frame_s = 1.0 / settings.rates.network_hz
         self._sections = settings.effects
         self._users = [user.name for user in settings.users]
-        self._turns = [-1] * len(self._sections)
+        self._marked: list[int | None] = [None if section.marker else 0 for section in self._sections]
+        self._looked = 0  # step from which on markers are new
+        self._turns: list[tuple[int, int] | None] = [None] * len(self._sections)
         self._effects: list[Effect | None] = [None] * len(self._sections)
         self._of: list[tuple[Effect, ...]] = [()] * len(self._users)
 
-    def follow(self, step: int) -> None:
-        """Begin what begins with this step."""
+    def follow(self, step: int, markers: RoomMarkers) -> None:
+        """Begin what begins with this step. markers: of the room, with which effects may begin."""
         if not self._sections:
             return
-        turns = [self._turn(section, step * self._frame_s) for section in self._sections]
+        for mark in markers.since(self._looked):
+            for place, section in enumerate(self._sections):
+                if section.marker and section.marker == mark.text:
+                    self._marked[place] = mark.step
+        self._looked = step
+        turns = [
+            None if marked is None else self._turn(section, marked, step)
+            for section, marked in zip(self._sections, self._marked, strict=True)
+        ]
         if turns == self._turns:
             return
         for place, (section, turn) in enumerate(zip(self._sections, turns, strict=True)):
             if turn != self._turns[place]:
-                self._effects[place] = section.begun()
+                self._effects[place] = None if turn is None else section.begun()
         self._turns = turns
         pairs = list(zip(self._sections, self._effects, strict=True))
         for user, name in enumerate(self._users):
@@ -41,13 +52,12 @@ class RoomEffects:
                 [effect for section, effect in pairs if effect and name in (section.users or (name,))]
             )
 
-    @staticmethod
-    def _turn(section: EffectSection, time_s: float) -> int:
-        """Return how often it has begun, less 1."""
-        since_s = time_s - section.start_s
-        if since_s < 0.0 or not section.every_s:
-            return -1 if since_s < 0.0 else 0
-        return int(since_s / section.every_s)
+    def _turn(self, section: EffectSection, marked: int, step: int) -> tuple[int, int] | None:
+        """Return from which step its time counts, and how often it has begun, less 1; None before it begins."""
+        since_s = (step - marked) * self._frame_s - section.start_s
+        if since_s < 0.0:
+            return None
+        return marked, int(since_s / section.every_s) if section.every_s else 0
 
     def of(self, user: int) -> tuple[Effect, ...]:
         """Return those of one user."""
@@ -110,7 +120,8 @@ class EffectSender:
                 self.refused.append(why)
                 self._over[id(effect)] = effect  # said once
                 continue
-            last = step + round((effect.seconds + KEPT_S) * self._hz) if effect.seconds else None
+            ends = effect.seconds and not effect.waits
+            last = step + round((effect.seconds + KEPT_S) * self._hz) if ends else None
             told = moved(effect, self._offset)
             self._told[id(effect)] = self._unknown.add(told), effect, told, last
 

@@ -73,6 +73,10 @@ class RoomMarkers:
         told = [mark for mark in self._told if mark.seat is not None or mark.text != EVERYBODY]
         self._told = deque([replace(mark, theirs=0) if mark.seat == seat else mark for mark in told])
 
+    def since(self, step: int) -> Sequence[Mark]:
+        """Return those that were set at this step or later, oldest first, as far as they are still told."""
+        return [mark for mark in self._told if mark.step >= step] if self._told else ()
+
     def due(self, step: int) -> Sequence[Mark]:
         """Return what is to be told after this step."""
         if not self._told:
