@@ -1349,7 +1349,7 @@ typedef struct account {
     double at_limit, controlled, port_leak_j, port_margin_j, port_reserve_j, port_budget_j, port_shake_n;
     double down_reserve_j, peak_torque_nm, line[6];
     int has_effects;
-    double least_tank_j, drawn_j;
+    double least_tank_j, drawn_j, reduced_s;
 } account;
 
 static void put_ints(writer *to, const int64_t *values, int count) {
@@ -1413,9 +1413,10 @@ static void put_account(writer *to, const account *from) {
     if (from->waveless) put_nil(to);
     else put_row(to, from->line, 6);
     if (from->has_effects) {
-        put_array(to, 2);
+        put_array(to, 3);
         put_real(to, from->least_tank_j);
         put_real(to, from->drawn_j);
+        put_real(to, from->reduced_s);
     } else {
         put_nil(to);
     }
@@ -1425,7 +1426,7 @@ static void put_account(writer *to, const account *from) {
 /* ---- Haptic effects [3.18, 7d; docs/theory.md 7.8] -------------------------------------------- */
 
 enum { MOST_EFFECTS = 16, MOST_POINTS = 8, MOST_ENTRIES = 2 * MOST_EFFECTS, MOST_KNOWN = 8 * MOST_EFFECTS };
-enum { VISCOUS, VIBRATION, TEXTURE, MAGNET, PATH, ZONE, EFFECT_KINDS };
+enum { VISCOUS, VIBRATION, TEXTURE, MAGNET, PATH, ZONE, CURL, CONSTANT, PERTURBATION, CHANNEL, SPRING, EFFECT_KINDS };
 enum { STIFFNESS_NPM, DAMPING_NSPM, AMPLITUDE_N, FREQUENCY_HZ, PERIOD_M, RADIUS_M, MOST_PULL_N, SECONDS, EFFECT_NUMBERS };
 enum { KEY_KIND = EFFECT_NUMBERS, KEY_PLACE, KEY_SIZE, KEY_DIRECTION, KEY_POINTS, EFFECT_KEYS };
 
@@ -1435,7 +1436,9 @@ enum { KEY_KIND = EFFECT_NUMBERS, KEY_PLACE, KEY_SIZE, KEY_DIRECTION, KEY_POINTS
 #define LEAST_FREQUENCY_HZ 1e-3
 #define LEAST_DIRECTION 1e-6
 #define EFFECT_RAMP_S 0.02       /* in which an effect comes and goes where it is not at rest */
-#define MOST_EFFECT_STEP_N 0.5   /* by which a spring that comes may change the force in a tick */
+#define MOST_EFFECT_STEP_N 0.5   /* by which an effect that comes or goes may change the force in a tick */
+#define LEAST_PULSE_S 0.01       /* of a perturbation */
+#define MOST_CURL_TURN 0.2       /* tangent of the angle by which an empty tank turns a curl field towards a damper */
 #define STEEPEST 0.28621670111997312 /* of r (1 - r^2)^2, at r^2 = 1/5 */
 
 typedef struct effect {
@@ -1450,7 +1453,8 @@ typedef struct told_effects {
     struct effect effect;
 } told_effects;
 
-static const char *const effect_kinds[] = {"viscous", "vibration", "texture", "magnet", "path", "zone"};
+static const char *const effect_kinds[] = {"viscous", "vibration", "texture", "magnet", "path", "zone", "curl", "constant",
+    "perturbation", "channel", "spring"};
 static const char *const effect_keys[] =
     {"stiffness_npm", "damping_nspm", "amplitude_n", "frequency_hz", "period_m", "radius_m", "force_n", "seconds", "kind",
         "place_m", "size_m", "direction", "points_m"};
@@ -1497,34 +1501,51 @@ static void get_effects(reader *from, uint64_t length, told_effects *into) {
     }
 }
 
+/* 1 for what its work alone accounts for; else it is a spring or a damper. */
+static int is_active(int kind) {
+    return kind == VIBRATION || kind == TEXTURE || kind == CURL || kind == CONSTANT || kind == PERTURBATION;
+}
+
+/* 1 for what begins as the hand comes into its box, and not as it is told. */
+static int effect_waits(const effect *given) {
+    return given->kind == PERTURBATION && (given->size_m[0] != 0.0 || given->size_m[1] != 0.0 || given->size_m[2] != 0.0);
+}
+
 /* 1 where the effect can be rendered in so many axes. */
 static int effect_fits(const effect *given, int axes) {
-    static const int needs[EFFECT_KINDS][2] = {{DAMPING_NSPM, DAMPING_NSPM}, {AMPLITUDE_N, FREQUENCY_HZ},
-        {AMPLITUDE_N, PERIOD_M}, {STIFFNESS_NPM, RADIUS_M}, {STIFFNESS_NPM, STIFFNESS_NPM}, {STIFFNESS_NPM, STIFFNESS_NPM}};
-    const double *number = given->number;
-    const int directed = size_of(given->direction, axes) >= LEAST_DIRECTION,
-        turned = given->direction[0] != 0.0 || given->direction[1] != 0.0 || given->direction[2] != 0.0;
-    if (number[needs[given->kind][0]] == 0.0 || number[needs[given->kind][1]] == 0.0) return 0;
-    if (given->kind == PATH) {
-        if (given->points < 2 || axes == 1) return 0;
+    static const int needs[EFFECT_KINDS][2] = {[VISCOUS] = {DAMPING_NSPM, DAMPING_NSPM},
+        [VIBRATION] = {AMPLITUDE_N, FREQUENCY_HZ}, [TEXTURE] = {AMPLITUDE_N, PERIOD_M}, [MAGNET] = {STIFFNESS_NPM, RADIUS_M},
+        [PATH] = {STIFFNESS_NPM, STIFFNESS_NPM}, [ZONE] = {STIFFNESS_NPM, STIFFNESS_NPM}, [CURL] = {DAMPING_NSPM, DAMPING_NSPM},
+        [CONSTANT] = {MOST_PULL_N, MOST_PULL_N}, [PERTURBATION] = {AMPLITUDE_N, SECONDS},
+        [CHANNEL] = {STIFFNESS_NPM, STIFFNESS_NPM}, [SPRING] = {STIFFNESS_NPM, STIFFNESS_NPM}};
+    const double *number = given->number, *direction = given->direction;
+    const int kind = given->kind, directed = size_of(direction, axes) >= LEAST_DIRECTION,
+        turned = direction[0] != 0.0 || direction[1] != 0.0 || direction[2] != 0.0;
+    if (number[needs[kind][0]] == 0.0 || number[needs[kind][1]] == 0.0) return 0;
+    if (kind == PATH || kind == CHANNEL) {
+        if (given->points < 2 || (kind == CHANNEL && given->points > 2) || axes == 1) return 0;
         for (int point = 1; point < given->points; point++) {
             double step[AXES] = {0.0};
             for (int axis = 0; axis < axes; axis++) step[axis] = given->point_m[point][axis] - given->point_m[point - 1][axis];
             if (size_of(step, axes) < LEAST_LENGTH_M) return 0;
         }
     }
-    if ((given->kind == VIBRATION || given->kind == TEXTURE || (given->kind == ZONE && turned)) && !directed) return 0;
-    if (given->kind == ZONE && !turned && size_of(given->size_m, axes) == 0.0) return 0;
+    if (kind == CURL && (axes == 1 || size_of(axes == 2 ? direction + 2 : direction, axes == 2 ? 1 : 3) < LEAST_DIRECTION))
+        return 0;
+    if ((kind == ZONE ? turned : is_active(kind) && kind != CURL) && !directed) return 0;
+    if (kind == PERTURBATION && number[SECONDS] < LEAST_PULSE_S) return 0;
+    if (kind == ZONE && !turned && size_of(given->size_m, axes) == 0.0) return 0;
     if (number[PERIOD_M] != 0.0 && number[PERIOD_M] < LEAST_LENGTH_M) return 0;
     if (number[RADIUS_M] != 0.0 && number[RADIUS_M] < LEAST_LENGTH_M) return 0;
     return number[FREQUENCY_HZ] == 0.0 || number[FREQUENCY_HZ] >= LEAST_FREQUENCY_HZ;
 }
 
-/* An effect in force. share: w, 0 to 1, the ramp of safety in it; stiffness_npm: K as it is rendered. */
+/* An effect in force. share: w, 0 to 1, the ramp of safety in it; stiffness_npm: K as it is rendered; since: tick with which
+ * a perturbation began, -1 while it waits for the hand. */
 typedef struct effect_entry {
     effect law;
-    int64_t number, begun;
-    double left_ticks, share, stored_j, unit[AXES], stiffness_npm, most_n, slope_nps, turn;
+    int64_t number, begun, since;
+    double left_ticks, share, stored_j, unit[AXES], stiffness_npm, most_n, slope_nps, turn, pulse_ticks, now_n;
     int ended, plane, present;
     /* of a passive one, at the hand: */
     int springs, damps;
@@ -1534,8 +1555,8 @@ typedef struct effect_entry {
 /* All effects of the seat. Forces are of all of them, before ramp and limits: `asked` for this tick, `held` by the last one
  * that had any, whose force fades where there is none now. */
 typedef struct effects {
-    int axes, count, told, asked, held, reduced, known_count, known_next;
-    int64_t version, known[MOST_KNOWN];
+    int axes, count, told, asked, held, reduced, shorted, known_count, known_next; /* shorted: the tank did not pay for all */
+    int64_t version, less_ticks, known[MOST_KNOWN];
     double tick_s, base_nspm, most_nspm, most_npm, step_m, slope_nps, free_j;
     double capacity_j, level_j, least_level_j, drawn_j, overdrawn_j, damped_j, most_damped_j; /* the tank */
     double now_j, stored_j, work_j; /* now_j: what active forces may draw in this tick */
@@ -1602,23 +1623,29 @@ static int effects_name(const told_effects *told, int64_t number) {
 
 static void entry_begin(const effects *all, effect_entry *into, const told_effects *told, int64_t tick) {
     const double *number = told->effect.number, size = size_of(told->effect.direction, all->axes);
+    const int kind = told->effect.kind;
     memset(into, 0, sizeof *into);
     into->law = told->effect;
     into->number = told->number;
     into->begun = tick;
-    into->left_ticks = number[SECONDS] != 0.0 ? rint(number[SECONDS] / all->tick_s) : HUGE_VAL;
-    into->plane = into->law.kind == ZONE && size != 0.0;
+    into->since = effect_waits(&into->law) ? -1 : tick;
+    into->left_ticks = number[SECONDS] != 0.0 && into->since >= 0 ? rint(number[SECONDS] / all->tick_s) : HUGE_VAL;
+    into->plane = kind == ZONE && size != 0.0;
     for (int axis = 0; axis < all->axes && size != 0.0; axis++) into->unit[axis] = told->effect.direction[axis] / size;
-    into->most_n = number[AMPLITUDE_N];
+    into->most_n = number[kind == CONSTANT ? MOST_PULL_N : AMPLITUDE_N];
     into->stiffness_npm = number[STIFFNESS_NPM];
-    if (into->law.kind == VIBRATION) { /* held over ticks a sine is A sinc(f T): it is divided by that */
+    if (kind == VIBRATION) { /* held over ticks a sine is A sinc(f T): it is divided by that */
         into->turn = number[FREQUENCY_HZ] * all->tick_s;
         const double half = PI * least(into->turn, 0.5);
         into->most_n *= half / sin(half);
         into->slope_nps = 2.0 * PI * number[FREQUENCY_HZ] * number[AMPLITUDE_N];
     }
-    if (into->law.kind == TEXTURE) into->stiffness_npm = 2.0 * PI * number[AMPLITUDE_N] / number[PERIOD_M];
-    if (into->law.kind == MAGNET && number[MOST_PULL_N] != 0.0)
+    if (kind == PERTURBATION) {
+        into->pulse_ticks = rint(number[SECONDS] / all->tick_s);
+        into->slope_nps = PI * number[AMPLITUDE_N] / (into->pulse_ticks * all->tick_s);
+    }
+    if (kind == TEXTURE) into->stiffness_npm = 2.0 * PI * number[AMPLITUDE_N] / number[PERIOD_M];
+    if (kind == MAGNET && number[MOST_PULL_N] != 0.0)
         into->stiffness_npm = least(into->stiffness_npm, number[MOST_PULL_N] / (STEEPEST * number[RADIUS_M]));
 }
 
@@ -1716,42 +1743,84 @@ static int effect_inside(const effects *all, const effect *given, const double *
 
 static double turn_of(double turns) { return sin(2.0 * PI * (turns - floor(turns))); }
 
-/* Add the force of vibrations and textures, within what the tank holds. gain: of the ramp in this tick. */
-static void effects_act(effects *all, int64_t tick, const double *position_m, double gain) {
-    const double step = all->tick_s / EFFECT_RAMP_S;
+/* 1 where an active effect is felt here and now. */
+static int effect_present(const effects *all, effect_entry *one, int64_t tick, const double *position_m) {
+    const int inside = effect_inside(all, &one->law, position_m);
+    if (one->ended) return 0;
+    if (one->law.kind != PERTURBATION) return inside;
+    if (one->since < 0 && inside) one->since = tick;
+    return one->since >= 0 && (double)(tick - one->since) < one->pulse_ticks;
+}
+
+/* The force of an active effect, on the law. missing: share of the tank that is not there. */
+static void effect_act(const effects *all, const effect_entry *one, int64_t tick, const double *position_m,
+    const double *velocity_mps, double missing, double *force_n) {
+    double value = 0.0, away[AXES] = {0.0};
+    if (one->law.kind == CURL) { /* B n x v, and a damper */
+        double axis[3] = {0.0, 0.0, one->law.direction[2]}, speed[3] = {0.0};
+        if (all->axes == 3) memcpy(axis, one->law.direction, sizeof axis);
+        memcpy(speed, velocity_mps, (size_t)all->axes * sizeof *speed);
+        const double damping = one->law.number[DAMPING_NSPM], size = size_of(axis, 3);
+        for (int at = 0; at < all->axes; at++) {
+            const int next = (at + 1) % 3, last = (at + 2) % 3;
+            force_n[at] = damping *
+                ((axis[next] * speed[last] - axis[last] * speed[next]) / size + missing * MOST_CURL_TURN * speed[at]);
+        }
+        return;
+    }
+    if (one->law.kind == VIBRATION) value = turn_of(one->turn * (double)(tick - one->begun));
+    if (one->law.kind == TEXTURE) {
+        for (int axis = 0; axis < all->axes; axis++) away[axis] = position_m[axis] - one->law.place_m[axis];
+        value = turn_of(dot(one->unit, away, all->axes) / one->law.number[PERIOD_M]);
+    }
+    if (one->law.kind == CONSTANT) value = -1.0;
+    if (one->law.kind == PERTURBATION) {
+        const double since = (double)(tick - one->since) / one->pulse_ticks;
+        value = since < 1.0 ? -sin(PI * since) : 0.0;
+    }
+    for (int axis = 0; axis < all->axes; axis++) force_n[axis] = one->most_n * value * one->unit[axis];
+}
+
+/* Add the force of active effects, within what the tank holds; which are present is known. gain: of the ramp in this tick. */
+static void effects_act(
+    effects *all, int64_t tick, const double *position_m, const double *velocity_mps, double gain, double most_b) {
+    const double step = all->tick_s / EFFECT_RAMP_S, speed_mps = size_of(velocity_mps, all->axes);
+    const double missing = all->capacity_j != 0.0 ? 1.0 - all->level_j / all->capacity_j : 1.0;
     double slope_nps = 0.0, texture_npm = 0.0, most_j = 0.0, part = 1.0;
     for (int place = 0; place < all->count; place++) {
-        effect_entry *one = &all->entry[place];
-        one->present = !one->ended && effect_inside(all, &one->law, position_m);
+        const effect_entry *one = &all->entry[place];
         if (!one->present) continue;
-        if (one->law.kind == VIBRATION) slope_nps += one->slope_nps;
+        slope_nps += one->slope_nps;
         if (one->law.kind == TEXTURE) texture_npm += one->stiffness_npm;
     }
     for (int place = 0; place < all->count; place++) {
         effect_entry *one = &all->entry[place];
-        if (one->law.kind != VIBRATION && one->law.kind != TEXTURE) continue;
+        if (!is_active(one->law.kind)) continue;
         double goal = one->present ? gain : 0.0;
-        if (one->law.kind == VIBRATION && slope_nps > all->slope_nps) goal *= all->slope_nps / slope_nps;
+        if (one->slope_nps != 0.0 && slope_nps > all->slope_nps) goal *= all->slope_nps / slope_nps;
         if (one->law.kind == TEXTURE && texture_npm > all->most_npm) goal *= all->most_npm / texture_npm;
+        if (one->law.kind == CURL) goal *= most_b;
         all->reduced = all->reduced || (goal > 0.0 && goal < gain);
-        if (one->share == 0.0 && one->slope_nps != 0.0 && tick - one->begun <= 1) one->share = goal; /* it begins at 0 */
-        one->share = least(towards(one->share, goal, step), gain);
-        most_j += one->share * one->most_n * all->step_m;
+        const int64_t since = one->law.kind == PERTURBATION ? one->since : one->begun;
+        if (one->share == 0.0 && one->slope_nps != 0.0 && since >= 0 && tick - since <= 1) one->share = goal; /* it begins at 0 */
+        one->now_n = one->law.kind == CURL
+            ? one->law.number[DAMPING_NSPM] * hypot(1.0, MOST_CURL_TURN) * speed_mps : one->most_n;
+        one->share = least(towards(one->share, goal, one->now_n > 0.0 ? least(step, MOST_EFFECT_STEP_N / one->now_n) : step), gain);
+        most_j += one->share * one->now_n * all->step_m;
     }
-    if (most_j > all->level_j) part = most(0.0, all->level_j) / most_j;
+    if (most_j > all->level_j) {
+        part = most(0.0, all->level_j) / most_j;
+        all->shorted = 1;
+    }
     all->now_j = part * most_j;
     for (int place = 0; place < all->count; place++) {
         effect_entry *one = &all->entry[place];
-        if (one->law.kind != VIBRATION && one->law.kind != TEXTURE) continue;
+        double force_n[AXES] = {0.0};
+        if (!is_active(one->law.kind)) continue;
         one->share *= part;
         if (one->share == 0.0) continue;
-        double turns = one->turn * (double)(tick - one->begun), away[AXES] = {0.0};
-        if (one->law.kind == TEXTURE) {
-            for (int axis = 0; axis < all->axes; axis++) away[axis] = position_m[axis] - one->law.place_m[axis];
-            turns = dot(one->unit, away, all->axes) / one->law.number[PERIOD_M];
-        }
-        const double value = one->share / gain * (one->most_n * turn_of(turns));
-        for (int axis = 0; axis < all->axes; axis++) all->active_n[axis] += value * one->unit[axis];
+        effect_act(all, one, tick, position_m, velocity_mps, missing, force_n);
+        for (int axis = 0; axis < all->axes; axis++) all->active_n[axis] += one->share / gain * force_n[axis];
     }
 }
 
@@ -1769,9 +1838,29 @@ static void feel_magnet(effect_entry *one, int axes, const double *away, const d
     }
 }
 
-/* Pull to the nearest point of the path; its damper is of the motion across. */
+/* Force of a spring over its length, K d up to the most that it pulls with; and its potential. */
+static double bounded(const effect_entry *one, double distance, double *stored_j) {
+    const double stiffness = one->stiffness_npm, most_n = one->law.number[MOST_PULL_N];
+    const double far = most_n != 0.0 ? most_n / stiffness : HUGE_VAL;
+    *stored_j = distance > far ? stiffness * far * (distance - 0.5 * far) : 0.5 * stiffness * distance * distance;
+    return stiffness * (distance > far ? far : distance);
+}
+
+/* Pull to the nearest point, from which the hand is `offset`; its damper is of the motion less `slide`. */
+static void feel_tether(
+    effect_entry *one, int axes, const double *offset, const double *velocity_mps, const double *slide) {
+    const double damping = one->law.number[DAMPING_NSPM], distance = size_of(offset, axes);
+    const double force = bounded(one, distance, &one->potential_j);
+    one->springs = 1;
+    one->damps = damping != 0.0;
+    for (int axis = 0; axis < axes; axis++) {
+        one->spring_n[axis] = (distance != 0.0 ? force / distance : one->stiffness_npm) * offset[axis];
+        one->damper_n[axis] = damping * (velocity_mps[axis] - slide[axis]);
+    }
+}
+
+/* Pull to the nearest point of a path, or of the line of a channel; the damper is of the motion across. */
 static void feel_path(effect_entry *one, int axes, const double *position_m, const double *velocity_mps) {
-    const double stiffness = one->stiffness_npm, damping = one->law.number[DAMPING_NSPM];
     double best = HUGE_VAL, slide[AXES] = {0.0}, offset[AXES] = {0.0};
     for (int point = 1; point < one->law.points; point++) {
         const double *begin = one->law.point_m[point - 1];
@@ -1780,7 +1869,9 @@ static void feel_path(effect_entry *one, int axes, const double *position_m, con
             along[axis] = one->law.point_m[point][axis] - begin[axis];
             away[axis] = position_m[axis] - begin[axis];
         }
-        const double square = dot(along, along, axes), share = least(1.0, most(0.0, dot(away, along, axes) / square));
+        const double square = dot(along, along, axes);
+        double share = dot(away, along, axes) / square;
+        if (one->law.kind == PATH) share = least(1.0, most(0.0, share));
         for (int axis = 0; axis < axes; axis++) away[axis] -= share * along[axis];
         if (dot(away, away, axes) >= best) continue;
         best = dot(away, away, axes);
@@ -1790,15 +1881,7 @@ static void feel_path(effect_entry *one, int axes, const double *position_m, con
             slide[axis] = speed * along[axis];
         }
     }
-    const double distance = sqrt(best), far = one->law.number[MOST_PULL_N] != 0.0
-        ? one->law.number[MOST_PULL_N] / stiffness : HUGE_VAL;
-    one->springs = 1;
-    one->damps = damping != 0.0;
-    one->potential_j = distance > far ? stiffness * far * (distance - 0.5 * far) : 0.5 * stiffness * best;
-    for (int axis = 0; axis < axes; axis++) {
-        one->spring_n[axis] = (distance > far ? stiffness * far / distance : stiffness) * offset[axis];
-        one->damper_n[axis] = damping * (velocity_mps[axis] - slide[axis]);
-    }
+    feel_tether(one, axes, offset, velocity_mps, slide);
 }
 
 /* Wall around a box, or behind a plane: F = -n max(0, K d - B n v). It only pushes. */
@@ -1818,11 +1901,10 @@ static void feel_zone(effect_entry *one, int axes, const double *away, const dou
         out[nearest] = away[nearest] >= 0.0 ? 1.0 : -1.0;
     }
     if (depth <= 0.0) return;
-    const double pushed = one->stiffness_npm * depth;
+    const double pushed = bounded(one, depth, &one->potential_j);
     const double total = most(0.0, pushed - one->law.number[DAMPING_NSPM] * dot(out, velocity_mps, axes));
     one->springs = 1;
     one->damps = total != pushed;
-    one->potential_j = 0.5 * pushed * depth;
     for (int axis = 0; axis < axes; axis++) {
         one->spring_n[axis] = -pushed * out[axis];
         one->damper_n[axis] = (pushed - total) * out[axis];
@@ -1839,7 +1921,13 @@ static void effect_feel(const effects *all, effect_entry *one, const double *pos
     for (int axis = 0; axis < all->axes; axis++) away[axis] = position_m[axis] - one->law.place_m[axis];
     switch (one->law.kind) {
     case MAGNET: feel_magnet(one, all->axes, away, velocity_mps); break;
-    case PATH: feel_path(one, all->axes, position_m, velocity_mps); break;
+    case SPRING: {
+        const double still[AXES] = {0.0};
+        feel_tether(one, all->axes, away, velocity_mps, still);
+        break;
+    }
+    case PATH:
+    case CHANNEL: feel_path(one, all->axes, position_m, velocity_mps); break;
     case ZONE: feel_zone(one, all->axes, away, velocity_mps); break;
     default:
         one->damps = effect_inside(all, &one->law, position_m);
@@ -1857,8 +1945,11 @@ static void effect_pay(effects *all, effect_entry *one, double goal, double gain
     } else {
         const double size = size_of(one->spring_n, all->axes);
         share = towards(before, goal, size > 0.0 ? least(step, MOST_EFFECT_STEP_N / size) : step);
-        if (share > before && potential_j != 0.0)
-            share = least(share, before + most(0.0, all->level_j - all->now_j) / potential_j);
+        const double paid = potential_j != 0.0 ? before + most(0.0, all->level_j - all->now_j) / potential_j : HUGE_VAL;
+        if (share > before && share > paid) {
+            share = paid;
+            all->shorted = 1;
+        }
     }
     one->share = share = least(share, gain);
     if (share > before) tank_set(all, most(0.0, all->level_j - (share - before) * potential_j));
@@ -1866,27 +1957,20 @@ static void effect_pay(effects *all, effect_entry *one, double goal, double gain
     one->stored_j = share * potential_j;
 }
 
-static int is_passive(const effect_entry *one) { return one->law.kind != VIBRATION && one->law.kind != TEXTURE; }
-
-/* Add the forces of springs and dampers; what springs cost is paid. Springs stay within what the device carries, dampers
- * within what the coupling leaves of that. */
-static void effects_resist(
-    effects *all, const double *position_m, const double *velocity_mps, double gain, double *spring_n) {
-    double stiffness = 0.0, damping = 0.0;
+/* Add the forces of springs and dampers, which are felt already; what springs cost is paid. Springs stay within what the
+ * device carries; most_b: the share of dampers that does. */
+static void effects_resist(effects *all, double gain, double most_b, double *spring_n) {
+    double stiffness = 0.0;
     for (int place = 0; place < all->count; place++) {
-        effect_entry *one = &all->entry[place];
-        if (!is_passive(one)) continue;
-        effect_feel(all, one, position_m, velocity_mps);
-        stiffness += one->springs ? one->stiffness_npm : 0.0;
-        damping += one->damps ? one->law.number[DAMPING_NSPM] : 0.0;
+        const effect_entry *one = &all->entry[place];
+        if (!is_active(one->law.kind) && one->springs) stiffness += one->stiffness_npm;
     }
     const double most_k = stiffness > 0.0 ? least(1.0, all->most_npm / stiffness) : 1.0;
-    const double most_b = damping > 0.0 ? least(1.0, most(0.0, all->most_nspm - all->base_nspm) / damping) : 1.0;
-    all->reduced = all->reduced || most_k < 1.0 || most_b < 1.0;
+    all->reduced = all->reduced || most_k < 1.0;
     all->stored_j = 0.0;
     for (int place = 0; place < all->count; place++) {
         effect_entry *one = &all->entry[place];
-        if (!is_passive(one)) continue;
+        if (is_active(one->law.kind)) continue;
         effect_pay(all, one, one->ended ? 0.0 : gain * most_k, gain);
         all->stored_j += one->stored_j;
         if (one->share == 0.0 || gain == 0.0) continue;
@@ -1900,9 +1984,9 @@ static void effects_resist(
 /* Find the force of all effects until the next tick, before the ramp of this gain. */
 static void effects_step(
     effects *all, int64_t tick, const double *position_m, const double *velocity_mps, double gain) {
-    double spring_n[AXES] = {0.0};
+    double spring_n[AXES] = {0.0}, damping = 0.0;
     all->asked = all->held = all->count > 0;
-    all->reduced = 0;
+    all->reduced = all->shorted = 0;
     all->now_j = 0.0;
     memset(all->active_n, 0, sizeof all->active_n);
     memset(all->damper_n, 0, sizeof all->damper_n);
@@ -1913,8 +1997,18 @@ static void effects_step(
     effects_leave_out(all);
     for (int place = 0; place < all->count; place++)
         if ((double)(tick - all->entry[place].begun) >= all->entry[place].left_ticks) all->entry[place].ended = 1;
-    effects_act(all, tick, position_m, gain);
-    effects_resist(all, position_m, velocity_mps, gain, spring_n);
+    for (int place = 0; place < all->count; place++) {
+        effect_entry *one = &all->entry[place];
+        if (is_active(one->law.kind)) one->present = effect_present(all, one, tick, position_m);
+        else effect_feel(all, one, position_m, velocity_mps);
+        if (one->law.kind == CURL ? one->present : one->damps) damping += one->law.number[DAMPING_NSPM];
+    }
+    /* Dampers and curl fields have what the coupling leaves of what the device carries. */
+    const double most_b = damping > 0.0 ? least(1.0, most(0.0, all->most_nspm - all->base_nspm) / damping) : 1.0;
+    all->reduced = most_b < 1.0;
+    effects_act(all, tick, position_m, velocity_mps, gain, most_b);
+    effects_resist(all, gain, most_b, spring_n);
+    all->less_ticks += all->reduced || all->shorted;
     for (int axis = 0; axis < all->axes; axis++)
         all->asked_n[axis] = all->active_n[axis] + spring_n[axis] + all->damper_n[axis];
 }
@@ -3106,6 +3200,7 @@ static void make_account(const cogrip_client *client, account *into) {
     into->has_effects = client->effects.told;
     into->least_tank_j = client->effects.least_level_j - client->effects.overdrawn_j;
     into->drawn_j = client->effects.drawn_j;
+    into->reduced_s = (double)client->effects.less_ticks * client->tick_s;
 }
 
 static void send_leave(cogrip_client *client, const char *reason) {

@@ -254,7 +254,8 @@ int probe_effects_tell(const void *data, size_t bytes, int64_t tick) {
 int probe_effects_know(int64_t number) { return effects_know(&rendered, number); }
 
 /* One tick: the hand's way, start and end, against `held_n`; then the law of the coupling, to which the effects' is added.
- * gain below 0: there is no law; then out[0] is the law, out[3] on: level, least, drawn, overdrawn, work, stored, reduced. */
+ * gain below 0: there is no law; then out[0] is the law, out[3] on: level, least, drawn, overdrawn, work, stored, less_ticks,
+ * reduced. */
 void probe_effects_tick(int64_t tick, const double *held_n, const double *start_m, const double *end_m,
     const double *velocity_mps, double gain, const double *coupling_n, double *out) {
     effects_enter(&rendered, held_n, start_m, end_m);
@@ -269,7 +270,7 @@ void probe_effects_tick(int64_t tick, const double *held_n, const double *start_
         }
     }
     const double state[] = {rendered.level_j, rendered.least_level_j, rendered.drawn_j, rendered.overdrawn_j,
-        rendered.work_j, rendered.stored_j, rendered.reduced};
+        rendered.work_j, rendered.stored_j, (double)rendered.less_ticks, rendered.reduced};
     memcpy(out + AXES, state, sizeof state);
 }
 
