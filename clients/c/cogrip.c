@@ -50,7 +50,7 @@ enum {
     MOST_AGE = 65535,
     LEAST_DEVICE_HZ = 250,
     HELLO_BYTES = 1024,
-    LEAVE_TEXT_BYTES = 160,
+    LEAVE_TEXT_BYTES = 150,
     MOST_ABSENT_S = 10,     /* of a loop, after which its session is over */
     MOST_PARTNERS = 7,      /* of a hand [3.23] */
     LATEST_HISTORY = 256,   /* messages of which it is known whether they came, where the newest wins [7] */
@@ -1513,11 +1513,10 @@ static int effect_waits(const effect *given) {
 
 /* 1 where the effect can be rendered in so many axes. */
 static int effect_fits(const effect *given, int axes) {
-    static const int needs[EFFECT_KINDS][2] = {[VISCOUS] = {DAMPING_NSPM, DAMPING_NSPM},
-        [VIBRATION] = {AMPLITUDE_N, FREQUENCY_HZ}, [TEXTURE] = {AMPLITUDE_N, PERIOD_M}, [MAGNET] = {STIFFNESS_NPM, RADIUS_M},
-        [PATH] = {STIFFNESS_NPM, STIFFNESS_NPM}, [ZONE] = {STIFFNESS_NPM, STIFFNESS_NPM}, [CURL] = {DAMPING_NSPM, DAMPING_NSPM},
-        [CONSTANT] = {MOST_PULL_N, MOST_PULL_N}, [PERTURBATION] = {AMPLITUDE_N, SECONDS},
-        [CHANNEL] = {STIFFNESS_NPM, STIFFNESS_NPM}, [SPRING] = {STIFFNESS_NPM, STIFFNESS_NPM}};
+    static const int needs[EFFECT_KINDS][2] = {/* viscous on: */ {DAMPING_NSPM, DAMPING_NSPM}, {AMPLITUDE_N, FREQUENCY_HZ},
+        {AMPLITUDE_N, PERIOD_M}, {STIFFNESS_NPM, RADIUS_M}, {STIFFNESS_NPM, STIFFNESS_NPM}, {STIFFNESS_NPM, STIFFNESS_NPM},
+        /* curl on: */ {DAMPING_NSPM, DAMPING_NSPM}, {MOST_PULL_N, MOST_PULL_N}, {AMPLITUDE_N, SECONDS},
+        {STIFFNESS_NPM, STIFFNESS_NPM}, {STIFFNESS_NPM, STIFFNESS_NPM}};
     const double *number = given->number, *direction = given->direction;
     const int kind = given->kind, directed = size_of(direction, axes) >= LEAST_DIRECTION,
         turned = direction[0] != 0.0 || direction[1] != 0.0 || direction[2] != 0.0;

@@ -348,6 +348,8 @@ def test_effects_that_a_device_does_not_render_as_asked_are_noted() -> None:
             {"kind": "vibration", "amplitude_n": 5.0, "frequency_hz": 100.0, "direction": (1.0, 0.0, 0.0)},
             {"kind": "zone", "stiffness_npm": 5e4, "direction": (1.0, 0.0, 0.0)},
             {"kind": "texture", "amplitude_n": 20.0, "period_m": 0.001, "direction": (1.0, 0.0, 0.0)},
+            {"kind": "constant", "force_n": 6.0, "direction": (1.0, 0.0, 0.0)},
+            {"kind": "perturbation", "amplitude_n": 4.0, "seconds": 0.01, "direction": (1.0, 0.0, 0.0)},
         ]
     }
     [found] = [each for each in advise(resolve(wrong)).findings if each.topic == "effects"]
@@ -357,8 +359,11 @@ def test_effects_that_a_device_does_not_render_as_asked_are_noted() -> None:
         "= 5, of which at most 1.59",
         "= 50000, of which at most 6554",
         "= 20, of",
+        "force_n = 6, of which at most 5.12, what a full tank pays for",
+        "amplitude_n = 4, of which at most 3.11",
     )
     assert [said for said in bounds if said not in found.text] == []
-    right = {"effects": [{"kind": "viscous", "damping_nspm": 5.0}]}
+    spring = {"kind": "spring", "stiffness_npm": 200.0}
+    right = {"effects": [{"kind": "viscous", "damping_nspm": 5.0}, spring]}
     [found] = [each for each in advise(resolve(right)).findings if each.topic == "effects"]
     assert found.level == "ok"

@@ -122,9 +122,13 @@ def test_studies_that_come_with_cogrip_go_by_their_name(monkeypatch: pytest.Monk
     assert (
         study_source.shipped_studies()
         == sorted(path.stem for path in SHIPPED.glob("*.toml"))
-        == ["delay", "fitts", "stiffness"]
+        == ["delay", "fitts", "force_fields", "stiffness"]
     )
-    cogrip.refuses("there is no such file; give a study's file, or one of: delay, fitts, stiffness", "study", "nothing")
+    cogrip.refuses(
+        "there is no such file; give a study's file, or one of: delay, fitts, force_fields, stiffness",
+        "study",
+        "nothing",
+    )
     cogrip.refuses("--people P09: there is no such participant", "study", "fitts", "--people", "P09")
     cogrip.refuses("--remote is for live sessions", "study", "fitts", "--remote", "P01")
 

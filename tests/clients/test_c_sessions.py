@@ -375,7 +375,7 @@ def test_it_refuses_plainly_what_it_cannot_do(library: Any, settings: dict[str, 
     person = session.person
     assert (person.state, person.done) == ("closed", True)
     assert why in person.reason
-    assert session.messages(messages.Leave)[-1].reason == clipped(person.reason, 160)
+    assert session.messages(messages.Leave)[-1].reason == clipped(person.reason, messages.LEAVE_TEXT_BYTES)
     assert session.core.rooms[0].seats[0].state == "free"
 
 

@@ -45,7 +45,7 @@ TICKS = TickCount(BIG, BIG, TIMES, TIMES)
 CLIENT = ClientAccount(
     POSE, POSE, *[0.1] * 6, COUNT, TIMES, TICKS, True, "s" * 40, "r" * REASON_BYTES, 0.1, PLAYOUT,
     accounts.DelayAccount(TIMES, TIMES, 0.1, 0.1), DeviceAccount(True, 0.1, 0.1, 0.1, 0.1, BIG, 0.1, 0.1, 0.1), 0.1, 0.1,
-    accounts.LineAccount(*[0.1] * 6), accounts.EffectAccount(0.1, 0.1),
+    accounts.LineAccount(*[0.1] * 6), accounts.EffectAccount(0.1, 0.1, 0.1),
 )  # fmt: skip
 SEAT = SeatAccount(POSE, 0.1, 0.1, COUNT, PLAYOUT, 0.1, 0.1, 0.1)
 ROOM = RoomAccount(POSE, POSE, 0.1, False, 0.1, TICKS)
@@ -109,7 +109,7 @@ LARGEST: dict[str, messages.AnyMessage] = {
         ),
     ),
     "effects": messages.Effects(
-        BIG, MOST, (MOST,) * 16, 0.1, MOST, Effect("vibration", ROW, ROW, ROW, (ROW,) * MOST_POINTS, *[0.1] * 8)
+        BIG, MOST, (MOST,) * 16, 0.1, MOST, Effect("perturbation", ROW, ROW, ROW, (ROW,) * MOST_POINTS, *[0.1] * 8)
     ),
     "edges": messages.Edges(BIG, STAMP, HANDLE),
     "redirect": messages.Redirect(MOST, BIG, "p" * 60, ("f" * 60,) * messages.MOST_FRONTS),
@@ -252,9 +252,9 @@ def test_the_largest_legal_messages_are_read_and_fit_a_datagram_when_they_are_en
         assert decode(encode(legal)) == legal
     largest = {name: len(encode(message)) for name, message in LARGEST.items()}
     assert largest == {
-        "hello": 964, "welcome": 1022, "refuse": 485, "waves": 1187, "state": 303, "power": 468, "heartbeat": 39, "leave": 1193,
+        "hello": 964, "welcome": 1022, "refuse": 485, "waves": 1187, "state": 303, "power": 468, "heartbeat": 39, "leave": 1192,
         "farewell": 767, "view": 1008, "person": 424, "bodies": 1193, "geom": 1159, "mark": 122, "set hand": 168,
-        "effects": 702, "edges": 161, "redirect": 579, "restart": 16, "note": 316,
+        "effects": 705, "edges": 161, "redirect": 579, "restart": 16, "note": 316,
     }  # fmt: skip
     proxied = msgspec.structs.replace(LARGEST["waves"], waves=(0.1,) * 72, state=(0.1,) * 18)
     assert len(encode(proxied)) == 1162, "of local contact with 6 axes, R = 12"
@@ -275,7 +275,7 @@ def test_a_session_leaves_with_the_longest_reason_and_the_largest_account() -> N
     session.state, session.welcome = "seated", LARGEST["welcome"]  # type: ignore[assignment]
     session.leave("r" * 1000, CLIENT, 0)
     [datagram] = session.outbox
-    assert len(datagram) == 1193
+    assert len(datagram) == 1192
     assert decode(datagram) == LARGEST["leave"]
 
 

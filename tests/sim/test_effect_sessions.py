@@ -167,7 +167,14 @@ WRONG = [
     ({"kind": "zone", "stiffness_npm": 100.0}, "fills everything"),
     ({"kind": "texture", "amplitude_n": 1.0, "period_m": 1e-6, "direction": (1.0, 0.0, 0.0)}, "below 0.0001"),
     ({**ZONE, "users": ["eve"]}, "there is no user 'eve'"),
-    ({"kind": "spring"}, "effects.0.kind"),
+    ({"kind": "gravity"}, "effects.0.kind"),
+    ({"kind": "spring"}, "kind = \"spring\" needs stiffness_npm above 0"),
+    ({"kind": "curl", "damping_nspm": 4.0, "direction": (0.0, 0.0, 1.0)}, "set object.axes to 2 or 3"),
+    ({"kind": "channel", "stiffness_npm": 9.0, "points_m": [(0.0, 0.0, 0.0)] * 3}, "needs points_m: 2, each"),
+    ({"kind": "constant", "force_n": 1.0}, "needs a direction"),
+    ({"kind": "perturbation", "amplitude_n": 1.0, "seconds": 0.009, "direction": (1, 0, 0)}, "give at least 0.01"),
+    ({"kind": "perturbation", "amplitude_n": 1.0, "direction": (1, 0, 0)}, "needs seconds above 0"),
+    ({**ZONE, "marker": "m" * 81}, "effects.0.marker"),
     ({"kind": "zone", "stiffness_npm": 300.0, "direction": (1, 0, 0), "every_s": 0.099}, "effects.0: every_s = 0.099 of kind"),
 ]  # fmt: skip
 

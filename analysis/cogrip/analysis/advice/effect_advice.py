@@ -1,6 +1,7 @@
 """Advice on haptic effects: what a device renders of those that settings tell (theory 7.8)."""
 
 from math import inf
+from typing import NamedTuple
 
 from cogrip.client.effects.effect_force import LAWS
 from cogrip.client.effects.laws import ActiveLaw
@@ -22,9 +23,9 @@ def effect_advice(settings: Settings, seat: SeatSettings, record: Capability) ->
     carried, lag_s = largest_impedance(record, tick_s).impedance_nspm, lag_ticks(record, tick_s) * tick_s
     stiffest, left = carried / lag_s if lag_s else inf, max(0.0, carried - damper_on(seat, record).value_nspm)
     slope = min(record.slew_nps, MOST_SLOPE_NPS)
-    said = [
-        f"effects.{place}.{text}" for place, each in own if (text := _too_much(each, stiffest, left, slope, tick_s))
-    ]
+    tank_n = 1e-3 * settings.effect_tank_mj / (record.speed_mps * tick_s)
+    most = _Most(stiffest, left, slope, tank_n, tick_s)
+    said = [f"effects.{place}.{text}" for place, each in own if (text := _too_much(each, most))]
     if said:
         return f"{seat.user}: of haptic effects the device renders less: {'; '.join(said)}", False
     text = (
@@ -33,16 +34,30 @@ def effect_advice(settings: Settings, seat: SeatSettings, record: Capability) ->
     return f"{seat.user}: {text}", True
 
 
-def _too_much(effect: Effect, stiffest_npm: float, left_nspm: float, slope_nps: float, tick_s: float) -> str:
+class _Most(NamedTuple):
+    """Most that one person's device renders. tank_n: force that a full tank pays for at the device's speed limit."""
+
+    stiffness_npm: float
+    damping_nspm: float
+    slope_nps: float
+    tank_n: float
+    tick_s: float
+
+
+def _too_much(effect: Effect, most: _Most) -> str:
     """Return which value of an effect is more than a device renders, and the most that it does; "" where none is."""
-    if effect.stiffness_npm > stiffest_npm:
-        return f"stiffness_npm = {effect.stiffness_npm:g}, of which at most {stiffest_npm:.4g}"
-    if effect.damping_nspm > left_nspm:
-        return f"damping_nspm = {effect.damping_nspm:g}, of which at most {left_nspm:.3g}, what the coupling leaves"
-    law, part = LAWS[effect.kind](effect, PLACES, tick_s), 1.0
-    if isinstance(law, ActiveLaw) and law.slope_nps:
-        part = slope_nps / law.slope_nps
-    elif isinstance(law, ActiveLaw):
-        part = stiffest_npm / law.stiffness_npm
-    most_n = part * effect.amplitude_n
-    return f"amplitude_n = {effect.amplitude_n:g}, of which at most {most_n:.3g}" if part < 1.0 else ""
+    if effect.stiffness_npm > most.stiffness_npm:
+        return f"stiffness_npm = {effect.stiffness_npm:g}, of which at most {most.stiffness_npm:.4g}"
+    if effect.damping_nspm > most.damping_nspm:
+        return f"damping_nspm = {effect.damping_nspm:g}, of which at most {most.damping_nspm:.3g}, what the coupling leaves"
+    law = LAWS[effect.kind](effect, PLACES, most.tick_s)
+    if not isinstance(law, ActiveLaw) or not law.most_n:
+        return ""
+    key = "force_n" if effect.force_n else "amplitude_n"
+    asked_n, parts = getattr(effect, key), [(most.tank_n / law.most_n, ", what a full tank pays for")]
+    if law.slope_nps:
+        parts.append((most.slope_nps / law.slope_nps, ""))
+    elif law.stiffness_npm:
+        parts.append((most.stiffness_npm / law.stiffness_npm, ""))
+    part, why = min(parts)
+    return f"{key} = {asked_n:g}, of which at most {part * asked_n:.3g}{why}" if part < 1.0 else ""

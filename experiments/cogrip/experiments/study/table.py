@@ -2,7 +2,7 @@
 
 import json
 from collections import Counter
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -33,6 +33,7 @@ PLACE: tuple[Column, ...] = (
 )  # fmt: skip
 ANSWER = "answer_"
 MISSING = "felt_stiffness_missing"  # column that says why a row has no felt stiffness
+REDUCED = "effects_reduced_s"  # column that says for how long effects were rendered with less than asked for
 FORMULA = ("=", "+", "-", "@", "\t", "\r")  # beginnings of a text that a spreadsheet takes for a formula
 
 Row = dict[str, Any]
@@ -71,6 +72,7 @@ def read_table(path: Path, progress: Callable[[int, int], None] = lambda done, t
         *(_column(key, rows) for key in sorted(keys)),
         *(Column(each.name, NUMBER, unit_of(each.name)) for each in MEASURES),
         Column(MISSING, "string"),
+        Column(REDUCED, NUMBER, "s"),
         *(_column(key, rows) for key in sorted(asked)),
     ]
     return StudyTable(study, columns, rows, notes, _missing(rows), phases)
@@ -84,8 +86,9 @@ def _rows(
     run: RunColumns | None = None
     values = line.values[interval]
     marked = study.start == "button" and line.mode == "live"
+    summary = _summary(folder)
     try:
-        run = read_columns(folder, study.goal_of(values), _task_s(folder), begun_by(folder.name) if marked else "")
+        run = read_columns(folder, study.goal_of(values), _task_s(summary), begun_by(folder.name) if marked else "")
         measured: list[Row] = [
             {**measure(run, number), MISSING: felt_stiffness_missing(run, number)} for number in range(len(run.people))
         ]
@@ -99,7 +102,7 @@ def _rows(
             "repetition": line.repetition + 1, "interval": interval + 1, "attempt": line.attempt, "run": folder.name,
             "ended": line.ended[interval], "track": line.track, "level": line.level,
             "correct": None if line.correct is None else int(line.correct), "pauses": line.pauses,
-            **{key: _plain(value) for key, value in values.items()}, **measured[seat],
+            **{key: _plain(value) for key, value in values.items()}, **measured[seat], REDUCED: _reduced_s(summary, person),
             **_answers_of(study, line, person, answers),
         }
         for seat, person in enumerate(line.people)
@@ -116,14 +119,26 @@ def _missing(rows: Sequence[Row]) -> list[str]:
     return [f"felt_stiffness_npm: none in {reasons.total()} of {len(rows)} rows: {why}"] if reasons else []
 
 
-def _task_s(folder: Path) -> float | None:
-    """Return when a scene's task was reached, None if it was not, or there is none."""
+def _summary(folder: Path) -> dict[str, Any]:
+    """Return the summary of a run, empty where it cannot be read."""
     try:
-        task = json.loads((folder / SUMMARY).read_text(encoding="utf-8")).get("task") or {}
+        found = json.loads((folder / SUMMARY).read_text(encoding="utf-8"))
     except (OSError, ValueError):
-        return None
+        return {}
+    return found if isinstance(found, dict) else {}
+
+
+def _task_s(summary: Mapping[str, Any]) -> float | None:
+    """Return when a scene's task was reached, None if it was not, or there is none."""
+    task = summary.get("task") or {}
     at_s = task.get("at_s")
     return float(at_s) if task.get("reached") and at_s is not None else None
+
+
+def _reduced_s(summary: Mapping[str, Any], person: str) -> float | None:
+    """Return for how long a person's effects were rendered with less than asked for, None where there were none."""
+    told = next((user.get("effects") for user in summary.get("users") or () if user.get("name") == person), None)
+    return told.get("reduced_s") if told else None
 
 
 def _answers_of(study: Study, line: TrialLine, person: str, answers: Sequence[AnswerLine]) -> Row:

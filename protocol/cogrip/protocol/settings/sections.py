@@ -147,5 +147,5 @@ class Settings(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     admission: Admission = Admission()
     users: Annotated[tuple[User, ...], msgspec.Meta(min_length=1, max_length=MOST_PEOPLE)] = (User(name=ONLY_USER),)
     effects: Annotated[tuple[EffectSection, ...], msgspec.Meta(max_length=MOST_EFFECTS)] = ()
-    # energy of each person that vibration and texture may draw, and that fixtures cost
+    # energy of each person that active effects may draw, and that fixtures cost
     effect_tank_mj: EffectTank = TANK_MJ

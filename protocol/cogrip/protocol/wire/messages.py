@@ -45,7 +45,7 @@ MAX_MESSAGE_BYTES = MAX_DATAGRAM_BYTES - DTLS_BYTES
 HELLO_BYTES = 1024  # length to which a hello is padded: no answer to an unauthenticated peer is longer than its request
 SHORT = 40  # most characters of a ShortText
 DEVICE_BYTES = 200  # longest device address: senders cut it to so many bytes of UTF-8
-LEAVE_TEXT_BYTES = 160  # longest text of a leave, which has an account behind it
+LEAVE_TEXT_BYTES = 150  # longest text of a leave, which has an account behind it
 
 Counter = Annotated[int, msgspec.Meta(ge=0, le=2**53)]
 Ticks = Annotated[int, msgspec.Meta(ge=-(2**31), le=2**31)]
