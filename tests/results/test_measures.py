@@ -15,10 +15,12 @@ from cogrip.results.measures.goal import NO_GOAL, Goal, GoalWatch, course, unfit
 from cogrip.results.measures.interaction import correlate, interaction_force, lead_s, synchrony
 from cogrip.results.measures.motion import (
     completion_s,
+    deviation_m,
     endpoint_m,
     felt_stiffness_missing,
     felt_stiffness_npm,
     jerk_rms_mps3,
+    lateral_force_n,
     mean_force_n,
     path_m,
     smoothness,
@@ -71,6 +73,23 @@ def test_end_point_is_along_the_way_at_the_end_of_the_dwell(axes: int, dwell_s: 
     far = Goal(place_m=tuple((0.5 * way).tolist()), within_m=0.01)
     assert endpoint_m(run(person(np.zeros((4 * RATE, axes))), object_m=along[:, None] * way, goal=far), 0) is None
     assert endpoint_m(run(person(np.zeros((RATE, axes)))), 0) is None
+
+
+@pytest.mark.parametrize("side", [1.0, -1.0])
+def test_deviation_and_lateral_force_are_across_the_way_and_above_0_to_its_left(side: float) -> None:
+    way, left = np.array([0.6, 0.8]), np.array([-0.8, 0.6])
+    along, across = 0.05 * T[:, None] * way, side * np.sin(pi * T / 4.0)[:, None] * left
+    start = np.array([0.02, -0.01])
+    goal = Goal(place_m=tuple((0.2 * way).tolist()), within_m=0.01)
+    moved = run(person(start + along + 0.01 * across, 3.0 * way + 2.0 * across), goal=goal)
+    assert deviation_m(moved, 0) == pytest.approx(0.01 * side, rel=1e-3)
+    assert lateral_force_n(moved, 0) == pytest.approx(2.0 * side, rel=1e-3)
+    raised = np.concatenate([along + 0.01 * across, np.zeros((len(T), 1))], axis=1)
+    assert deviation_m(run(person(raised), goal=goal), 0) == pytest.approx(0.01, rel=1e-3), (
+        "without a side in three axes"
+    )
+    assert deviation_m(run(person(along + across)), 0) is None
+    assert lateral_force_n(run(person(T), goal=Goal(place_m=(0.1,), within_m=0.01)), 0) is None
 
 
 def test_path_is_the_way_there_and_back_and_no_encoder_step() -> None:

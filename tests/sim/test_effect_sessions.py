@@ -90,6 +90,45 @@ def test_world_begins_and_ends_effects_and_the_hand_feels_a_burst_in_its_time() 
     assert loud[-1] <= 2200 + 48
 
 
+def test_an_effect_begins_anew_with_each_of_its_markers() -> None:
+    burst = {name: getattr(BUZZ, name) for name in ("kind", "direction", "amplitude_n", "frequency_hz")}
+    laboratory = session(4.0, {**burst, "marker": "go", "start_s": 0.25, "seconds": 0.25})
+    marks = {1024: "go", 1200: "stop", 2560: "go"}
+    acts = {tick: partial(laboratory.mark, text) for tick, text in marks.items()}
+    felt = by_tick(laboratory, lambda now: abs(core_of(now).force_n[0]), acts)
+    loud = [tick for tick, force in enumerate(felt) if force > 0.05]
+    for begun, spell in (
+        (1280, [tick for tick in loud if tick < 2560]),
+        (2816, [tick for tick in loud if tick >= 2560]),
+    ):
+        assert begun <= spell[0] <= begun + 40
+        assert 230 <= spell[-1] - spell[0] <= 290
+
+
+CURL: dict[str, Any] = {"kind": "curl", "direction": (0.0, 0.0, 1.0), "damping_nspm": 4.0}
+TO_AND_FRO = "reach&amplitude_m=0.08&stroke_s=0.5&direction=0,1&hand_stiffness_npm=200"
+
+
+@pytest.mark.sample(1)
+@pytest.mark.parametrize("network", every(3, PROFILES))
+def test_a_curl_field_is_there_for_ever_passive_and_steady_on_every_network(network: str) -> None:
+    """Sixteen reaches to and fro, each pushed to its right by B v; its lag does not empty the tank."""
+    laboratory = session(
+        8.0, CURL, hand=TO_AND_FRO, link={"profile": network, "loss": 0.05}, object={"kind": "wall", "axes": 2}
+    )
+    core = core_of(laboratory)
+    rows = np.array(by_tick(laboratory, lambda _: (*core.position_m, *core.force_n))[1024:])
+    speed = np.gradient(rows[:, 1]) * 1024.0
+    fast = np.abs(speed) > 0.15
+    assert np.median(-rows[fast, 2] / speed[fast]) == pytest.approx(4.0, rel=0.05)
+    account = account_of(laboratory)
+    assert account.device.margin_j >= 0.0
+    assert not account.device.oscillates
+    assert account.effects is not None
+    assert account.effects.least_tank_j > 0.0
+    assert account.effects.reduced_s == 0.0
+
+
 def test_what_a_world_may_not_ask_for_is_refused_by_name_and_counted() -> None:
     laboratory = session(1.0)
     wrong: list[Any] = [

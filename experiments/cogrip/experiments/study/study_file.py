@@ -189,6 +189,14 @@ def flat(table: Mapping[str, Any], prefix: str = "") -> Iterator[tuple[str, Any]
 
 def read_study(table: dict[str, Any]) -> Study:
     """Return a study from its TOML table. Raises StudyError."""
+    for key, kind in (
+        ("effects", StudyEffect),
+        ("questions", Question),
+    ):  # by their names, which an error of the whole leaves out
+        named = table.get(key)
+        for name, each in named.items() if isinstance(named, dict) else ():
+            if isinstance(each, dict):
+                _converted(each, kind, f"{key}.{name}.")
     study: Study = _converted(table, Study, "")
     return study
 
