@@ -61,6 +61,17 @@ def test_an_effect_begins_with_its_phase_and_one_without_a_phase_with_the_trial(
         assert pushed[-1] > 0.95
 
 
+def test_columns_end_with_the_marker_that_they_are_to_end_with(tmp_path: Path) -> None:
+    """Clients of a live trial record on after its end, without a force; measures are of the trial."""
+    run_in_laboratory(plain({"effects": ["load"]}), tmp_path / "study")
+    folder = tmp_path / "study" / "runs" / "01-001-one-1"
+    whole, cut = read_columns(folder), read_columns(folder, until="phase 01-001-one-1 move")
+    assert (whole.time_s[-1], cut.time_s[-1]) == pytest.approx((1.0, 0.5), abs=1.5 / whole.rate_hz)
+    assert cut.people[0].time_s[-1] == pytest.approx(0.5, abs=1.5 / 1024)
+    assert len(cut.people[0].pull_n) == len(cut.time_s) == len(cut.object_m)
+    assert len(read_columns(folder, until="never").time_s) == len(whole.time_s)
+
+
 LOAD = {"kind": "constant", "force_n": 0.5, "direction": [1.0, 0.0, 0.0]}
 PHASES = [{"name": "wait", "seconds": 0.5}, {"name": "move"}]
 

@@ -13,7 +13,7 @@ from cogrip.experiments.study.psychometric import Answered
 from cogrip.experiments.study.questions import raw_tlx
 from cogrip.experiments.study.staircase import Estimate, estimate
 from cogrip.experiments.study.study_file import Study
-from cogrip.experiments.study.trial import begun_by
+from cogrip.experiments.study.trial import begun_by, ended_by
 from cogrip.protocol.recording.reader import RecordingError
 from cogrip.protocol.recording.schema import unit_of
 from cogrip.results.measures.columns import RunColumns, read_columns
@@ -88,7 +88,8 @@ def _rows(
     marked = study.start == "button" and line.mode == "live"
     summary = _summary(folder)
     try:
-        run = read_columns(folder, study.goal_of(values), _task_s(summary), begun_by(folder.name) if marked else "")
+        begun, ended = begun_by(folder.name) if marked else "", ended_by(folder.name, line.ended[interval])
+        run = read_columns(folder, study.goal_of(values), _task_s(summary), begun, ended)
         measured: list[Row] = [
             {**measure(run, number), MISSING: felt_stiffness_missing(run, number)} for number in range(len(run.people))
         ]

@@ -7,6 +7,7 @@ Time 0 is the first tick of the last person who came: from then on everybody is 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
+from math import inf
 from typing import Any
 
 import numpy as np
@@ -98,9 +99,12 @@ def _between(time_s: Array, begin_s: float, end_s: float) -> NDArray[np.bool_]:
     return kept
 
 
-def read_columns(folder: Any, goal: Goal = NO_GOAL, task_s: float | None = None, marker: str = "") -> RunColumns:
+def read_columns(
+    folder: Any, goal: Goal = NO_GOAL, task_s: float | None = None, marker: str = "", until: str = ""
+) -> RunColumns:
     """Return the columns of a run folder. marker: at which time 0 is, "" for the usual one.
 
+    until: marker with which they end, where there is one: clients leave a live session some tenths of a second later.
     Raises RecordingError, or FileNotFoundError, where a part of it is missing.
     """
     run: RunRecords = open_run(folder)
@@ -122,12 +126,13 @@ def read_columns(folder: Any, goal: Goal = NO_GOAL, task_s: float | None = None,
         if marked_s is None:
             raise RecordingError(f"{folder} has no marker {marker!r}, with which its trial began; leave its trial out")
         begin_s = max(begin_s, marked_s)
-    from_s = steps["time_s"] >= begin_s - 1e-9
+    end_s = next((time_s for time_s, text in markers if until and text == until and time_s > begin_s), inf)
+    from_s = _between(steps["time_s"], begin_s, end_s)
     if not from_s.any():
         raise RecordingError(f"{folder} has no moment at which everybody was there; leave its trial out")
     objects = steps["object_m"][from_s][:, :PLACES]
     people = [
-        _person(run.clients[name], ticks[name], steps[f"{number}.force_n"][from_s], begin_s)
+        _person(run.clients[name], ticks[name], steps[f"{number}.force_n"][from_s], begin_s, end_s)
         for number, name in enumerate(names)
     ]
     settings = run.settings()
@@ -146,13 +151,13 @@ def _numbered(end: End, topic: str, names: Sequence[str]) -> dict[str, Array]:
     return {name: np.concatenate([part[name] for part in parts]) for name in ("time_s", *names)}
 
 
-def _person(end: End, ticks: dict[str, Array], pull: Array, begin_s: float) -> PersonColumns:
-    """Return one person's columns: a row for each tick that was due, from the first sample to the last one.
+def _person(end: End, ticks: dict[str, Array], pull: Array, begin_s: float, end_s: float = inf) -> PersonColumns:
+    """Return one person's columns: a row for each tick that was due, from the first sample to the last one before the end.
 
     A tick may not have been run, recorded, or have had a sample; left out, a hand that moves on would jump there. Places are
     interpolated, and the force is held as the device held it.
     """
-    mine = ticks["time_s"] >= begin_s - 1e-9
+    mine = _between(ticks["time_s"], begin_s, end_s)
     number, position = ticks["tick"][mine], ticks["position_m"][mine][:, :PLACES]
     known = np.isfinite(position).all(axis=1)
     if not known.any():
