@@ -275,6 +275,6 @@ EFFECT_KINDS: Mapping[EffectKind, EffectTraits] = {
         ("amplitude_n", "seconds"), (0.4, 0.4, 0.4, 0.25), course=True, unfit=_unfit_perturbation
     ),
     "channel": EffectTraits(("stiffness_npm",), (0.84, 0.37, 0.0, 0.8), _polyline, unfit=_unfit_channel),
-    "spring": EffectTraits(("stiffness_npm",), (0.0, 0.45, 0.7, 0.8), _point),
+    "spring": EffectTraits(("stiffness_npm",), (0.8, 0.47, 0.65, 0.9), _point),
 }
 """One row a kind."""
