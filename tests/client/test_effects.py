@@ -410,7 +410,7 @@ ACTIVE = st.one_of(
     st.builds(vibration, newtons, st.floats(1.0, 250.0)),
     st.builds(texture, newtons, st.floats(1e-4, 0.1)),
     st.builds(lambda force, half: constant(force, size_m=(half, 0.0, 0.0)), newtons, metres),
-    st.builds(lambda size, time, half: perturbation(size, time, size_m=(half, 0.0, 0.0)), newtons, st.floats(0.01, 0.1), metres),
+    st.builds(lambda size, s, half: perturbation(size, s, size_m=(half, 0.0, 0.0)), newtons, st.floats(0.01, 0.1), metres),
     st.builds(curl, newtons, st.sampled_from((-1.0, 1.0))),
 )  # fmt: skip
 PASSIVE_ONES = st.one_of(

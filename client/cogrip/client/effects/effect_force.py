@@ -156,27 +156,29 @@ class EffectForce(ForceSource):
         position_m, velocity_mps = frame.place(at.position_m), frame.shown(at.velocity_mps)
         per_tool = frame.tool.force_scale / frame.tool.position_scale
         felt = [
-            (entry, law, law.felt(position_m, velocity_mps))
-            for entry in self._entries.values() if (law := entry.passive) is not None
+            (entry, spring, spring.felt(position_m, velocity_mps))
+            for entry in self._entries.values() if (spring := entry.passive) is not None
         ]  # fmt: skip
         present = [
             (entry, law, not entry.ended and law.present(position_m, at.tick - entry.begun))
             for entry in self._entries.values() if (law := entry.active) is not None
         ]  # fmt: skip
-        damping = add_floats([law.damping_nspm for _, law, found in felt if found.damper_n])
+        damping = add_floats([each.damping_nspm for _, each, found in felt if found.damper_n])
         damping += add_floats([law.damping_nspm for _, law, here in present if here])
         most_b = min(1.0, max(0.0, carried[0] - self._base) / damping) if damping else 1.0
         self.reduced = most_b < 1.0
         moment = Moment(position_m, velocity_mps, at.tick, self.tank.missing)
-        timed, moving = self._active(moment, present, gain, (most_b, at.carried_npm), per_tool)
-        spring, damper = self._passive(felt, gain, (most_b, at.carried_npm), frame.power_ratio)
+        rows = (
+            *self._active(moment, present, gain, (most_b, carried[1]), per_tool),
+            *self._passive(felt, gain, (most_b, carried[1]), frame.power_ratio),
+        )
         self._less_ticks += self.reduced or self._short
-        timed, moving, spring, damper = [frame.hand_force(row) for row in (timed, moving, spring, damper)]
+        timed, moving, springs, dampers = [frame.hand_force(row) for row in rows]
         active = [t + m for t, m in zip(timed, moving, strict=True)]
-        total = tuple([a + s + d for a, s, d in zip(active, spring, damper, strict=True)])
+        total = tuple([a + s + d for a, s, d in zip(active, springs, dampers, strict=True)])
         self.active_n = timed
-        self.local_n = [m + s + d for m, s, d in zip(moving, spring, damper, strict=True)]
-        self._held = total, active, damper
+        self.local_n = [m + s + d for m, s, d in zip(moving, springs, dampers, strict=True)]
+        self._held = total, active, dampers
         self.asked_n = total
         return total
 

@@ -60,7 +60,8 @@ class Moment(NamedTuple):
 class ActiveLaw(ABC):
     """most_n: its force is never larger, but for one that follows the motion (`size_n`).
 
-    slope_nps: nor the slope of one that follows time, stiffness_npm: of one in place, damping_nspm: of one that follows the motion.
+    slope_nps: nor the slope of one that follows time, stiffness_npm: of one in place, damping_nspm: by velocity, of one that
+    follows the motion.
     """
 
     most_n = 0.0
