@@ -1804,7 +1804,8 @@ static void effects_act(
         if (one->share == 0.0 && one->slope_nps != 0.0 && since >= 0 && tick - since <= 1) one->share = goal; /* it begins at 0 */
         one->now_n = one->law.kind == CURL
             ? one->law.number[DAMPING_NSPM] * hypot(1.0, MOST_CURL_TURN) * speed_mps : one->most_n;
-        one->share = least(towards(one->share, goal, one->now_n > 0.0 ? least(step, MOST_EFFECT_STEP_N / one->now_n) : step), gain);
+        const double next = towards(one->share, goal, one->now_n > 0.0 ? least(step, MOST_EFFECT_STEP_N / one->now_n) : step);
+        one->share = least(next, gain);
         most_j += one->share * one->now_n * all->step_m;
     }
     if (most_j > all->level_j) {
