@@ -1801,7 +1801,8 @@ static void effects_act(
         if (one->law.kind == CURL) goal *= most_b;
         all->reduced = all->reduced || (goal > 0.0 && goal < gain);
         const int64_t since = one->law.kind == PERTURBATION ? one->since : one->begun;
-        if (one->share == 0.0 && one->slope_nps != 0.0 && since >= 0 && tick - since <= 1) one->share = goal; /* it begins at 0 */
+        const int at_zero = one->slope_nps != 0.0 && since >= 0 && tick - since <= 1; /* then it needs no ramp */
+        if (one->share == 0.0 && at_zero) one->share = goal;
         one->now_n = one->law.kind == CURL
             ? one->law.number[DAMPING_NSPM] * hypot(1.0, MOST_CURL_TURN) * speed_mps : one->most_n;
         const double next = towards(one->share, goal, one->now_n > 0.0 ? least(step, MOST_EFFECT_STEP_N / one->now_n) : step);

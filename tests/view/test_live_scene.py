@@ -85,12 +85,17 @@ ZONE = {"kind": "zone", "place_m": (-0.02, 0.0, 0.0), "size_m": (0.01, 0.0, 0.0)
 @pytest.mark.long
 def test_haptic_effects_are_drawn_beside_the_object_while_they_last() -> None:
     path = {"kind": "path", "points_m": ((0.0, 0.0, 0.0), (0.03, 0.0, 0.0), (0.03, 0.04, 0.0)), "stiffness_npm": 100.0}
-    watched = Watched(effects=[ZONE, path], object={"axes": 2})
+    channel = {"kind": "channel", "points_m": ((0.0, -0.02, 0.0), (0.0, 0.02, 0.0)), "stiffness_npm": 100.0}
+    spring = {"kind": "spring", "place_m": (0.01, 0.0, 0.0), "stiffness_npm": 5.0}
+    field = {"kind": "curl", "direction": (0.0, 0.0, 1.0), "damping_nspm": 1.0}  # everywhere: nothing to see
+    watched = Watched(effects=[ZONE, path, channel, spring, field], object={"axes": 2})
     watched.run()
     live = watched.live
     assert live is not None
-    assert [shape.kind for shape in live.scene.effects] == ["box", "capsule", "capsule"]
-    box, first, second = live.scene.effects
+    assert [shape.kind for shape in live.scene.effects] == ["box", *["capsule"] * 3, "sphere"]
+    box, first, second, line, point = live.scene.effects
+    assert (line.place_m, line.size_m[1]) == ((0.0, 0.0, 0.0), pytest.approx(0.02))
+    assert point.place_m == (0.01, 0.0, 0.0)
     assert box.place_m == (-0.02, 0.0, 0.0)
     assert box.size_m[0] == 0.01
     assert (first.place_m, second.place_m) == ((0.015, 0.0, 0.0), (0.03, 0.02, 0.0))

@@ -2,7 +2,15 @@
 
 from collections.abc import Sequence, Set
 
-from cogrip.protocol.settings.effects import MOST_EFFECTS, Effect, EffectSection, checked_effect, moved, unfit_effect
+from cogrip.protocol.settings.effects import (
+    LEAST_EVERY_S,
+    MOST_EFFECTS,
+    Effect,
+    EffectSection,
+    checked_effect,
+    moved,
+    unfit_effect,
+)
 from cogrip.protocol.settings.sections import Settings
 from cogrip.protocol.wire.messages import Effects
 from cogrip.protocol.wire.reliable import Unanswered
@@ -33,7 +41,9 @@ class RoomEffects:
             return
         for mark in markers.since(self._looked):
             for place, section in enumerate(self._sections):
-                if section.marker and section.marker == mark.text:
+                marked = self._marked[place]
+                fresh = marked is None or (mark.step - marked) * self._frame_s >= LEAST_EVERY_S
+                if section.marker == mark.text and fresh:
                     self._marked[place] = mark.step
         self._looked = step
         turns = [
