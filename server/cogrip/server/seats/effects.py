@@ -43,7 +43,7 @@ class RoomEffects:
             for place, section in enumerate(self._sections):
                 marked = self._marked[place]
                 fresh = marked is None or (mark.step - marked) * self._frame_s >= LEAST_EVERY_S
-                if section.marker == mark.text and fresh:
+                if section.marker and section.marker == mark.text and fresh:
                     self._marked[place] = mark.step
         self._looked = step
         turns = [
