@@ -31,7 +31,7 @@ def run() -> tuple[list[tuple[float, ...]], tuple[Effect, ...]]:
     def watch(now: Laboratory) -> None:
         core = now.people[0].core
         seat = core.seated
-        tank_j = seat.effects.tank.level_j if seat and seat.effects else float("nan")
+        tank_j = seat.effects.tank.level_j if seat and seat.effects.present else float("nan")
         x, y = core.position_m[:2]
         rows.append((now.tick * tick_s, 1e3 * x, 1e3 * y, float(np.linalg.norm(core.force_n)), 1e3 * tank_j))
 
@@ -64,7 +64,8 @@ def main(folder: Path) -> None:
     title(above, "the hand, y over x [mm]")
     title(forces, "force [N]")
     title(energy, "energy tank [mJ]")
-    legend = [(kind, {"facecolor": colour(at), "alpha": 0.5}) for at, kind in enumerate(KINDS) if kind != "vibration"]
+    drawn = {effect.kind for effect in effects} - {"vibration"}
+    legend = [(kind, {"facecolor": colour(at), "alpha": 0.5}) for at, kind in enumerate(KINDS) if kind in drawn]
     figure = sheet.finish(["x [mm]", "time [s]", "time [s]"], ["", "", ""], legend)
     (folder / "effects.png").write_bytes(png(figure))
 
