@@ -12,6 +12,7 @@ EXAMPLES = Path(__file__).parents[2] / "docs" / "examples" / "api"
 SAID = {
     "stiffness_and_delay": "60 ms",
     "watch_live": "good: True",
+    "closed_loop": "good: True",
     "own_device": "good: True",
     "own_hand": "good: True",
     "felt_stiffness": "",

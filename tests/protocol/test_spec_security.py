@@ -41,7 +41,8 @@ def test_suites_are_those_of_the_page_and_of_the_wire() -> None:
 MODULES = (
     "protocol.drawing", "protocol.secure.dtls_records", "protocol.line.receiver", "protocol.wire.messages",
     "protocol.recording.reader", "protocol.settings.room", "protocol.settings.sections",
-    "server.io.control", "server.io.datagram_path", "server.io.dtls_channel", "server.io.dtls_peer",
+    "server.administration.connection", "server.io.control", "server.io.datagram_path", "server.io.dtls_channel",
+    "server.io.dtls_peer",
     "server.io.metrics_process", "machine.trial",
     "server.io.loop", "server.rate_limit", "server.room", "server.ports.seat_limits", "server.admission.tokens",
     "server.worlds.scenes.scene_file", "server.worlds.scenes.scene_text", "server.worlds.world",

@@ -34,6 +34,7 @@ from cogrip.server.io.control import (
     CALLER_LIMIT_NS,
     LOST,
     MOST_CALLERS,
+    MOST_KEPT,
     MOST_PATH_BYTES,
     MOST_STREAMS,
     MOST_UNSENT_BYTES,
@@ -336,6 +337,16 @@ def test_events_come_as_they_are_to_whoever_asks_for_them(control: Control, fold
         assert told(control, every, 3) == [msgspec.to_builtins(each) for each in (joined, marker, joined)]
         assert told(control, lab, 2) == [msgspec.to_builtins(joined)] * 2
         assert told(control, markers, 1) == [msgspec.to_builtins(marker)]
+
+
+def test_a_stream_goes_on_where_one_before_ended(control: Control, folder: StateFolder) -> None:
+    events = [ServerEvent("notice", f"{number}") for number in range(MOST_KEPT + 10)]
+    for event in events:
+        control.publish(event)
+    with stream(control, folder, f"/v1/events?after={MOST_KEPT + 7}") as last:
+        assert [each["text"] for each in told(control, last, 3)] == [f"{MOST_KEPT + more}" for more in (7, 8, 9)]
+    with stream(control, folder, "/v1/events?after=0") as first:
+        assert [each["text"] for each in told(control, first, MOST_KEPT)] == [event.text for event in events[10:]]
 
 
 def test_a_reader_that_does_not_read_loses_events_and_is_told_how_many(control: Control, folder: StateFolder) -> None:

@@ -17,6 +17,7 @@
 Units are SI and stand in names. Every error that its user can mend is an `ApiError`. docs/api.md has the guide.
 """
 
+from cogrip.api.administration import Administration, AsyncAdministration
 from cogrip.api.client import Client, device_of
 from cogrip.api.errors import ApiError
 from cogrip.api.frames import Frame, HandState
@@ -29,6 +30,7 @@ from cogrip.devices.simulated.hands import Hand
 from cogrip.protocol.settings.sections import Settings
 
 __all__ = [
-    "ApiError", "Capability", "Client", "Device", "DeviceError", "Frame", "Hand", "HandState", "Run", "Sample", "Session",
-    "Settings", "device_of", "open_run", "register_hand", "run", "settings", "watch",
+    "Administration", "ApiError", "AsyncAdministration", "Capability", "Client", "Device", "DeviceError", "Frame", "Hand",
+    "HandState", "Run", "Sample", "Session", "Settings", "device_of", "open_run", "register_hand", "run", "settings",
+    "watch",
 ]  # fmt: skip

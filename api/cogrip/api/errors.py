@@ -8,6 +8,7 @@ from cogrip.client.io.paths import JoinError
 from cogrip.devices.device import DeviceError
 from cogrip.protocol.recording.reader import RecordingError
 from cogrip.protocol.settings.table import SettingsError
+from cogrip.server.io.state_folder import StateError
 
 
 class ApiError(ValueError):
@@ -19,5 +20,5 @@ def as_api_error() -> Iterator[None]:
     """Raise ApiError in place of the errors that commands print."""
     try:
         yield
-    except (Problem, SettingsError, DeviceError, JoinError, RecordingError, FileNotFoundError) as error:
+    except (Problem, SettingsError, DeviceError, JoinError, RecordingError, StateError, FileNotFoundError) as error:
         raise ApiError(str(error)) from error

@@ -2,14 +2,16 @@
 
 import signal
 import subprocess
+import tempfile
 import threading
 import time
-from collections.abc import Callable, Collection
+from collections.abc import Callable, Collection, Sequence
 from pathlib import Path
 from types import TracebackType
 from typing import Any, Self
 
 from cogrip.api import frames
+from cogrip.api.administration import Administration
 from cogrip.api.client import Client
 from cogrip.api.errors import ApiError, as_api_error
 from cogrip.api.runs import OnFrame, Run
@@ -24,6 +26,8 @@ from cogrip.devices.device import Device
 from cogrip.machine.stop import Stop
 from cogrip.protocol.wire.session import ClientSession
 from cogrip.results.reading.folder import SETTINGS, client_log, write_settings
+from cogrip.server.admission.roster import RosterEntry
+from cogrip.server.events import ServerEvent
 
 SERVER = "server"
 WAIT_S = 0.02
@@ -43,7 +47,8 @@ class Session:
     folder
         Folder below which the run's own is made.
 
-    Raises ApiError where the server does not start. `address` is HOST:PORT, `folder` that of the run.
+    Raises ApiError where the server does not start. `address` is HOST:PORT, `folder` that of the run, `administration` the
+    running server: `session.administration.set("anna", stiffness_npm=400)`.
     """
 
     def __init__(
@@ -68,10 +73,17 @@ class Session:
             write_settings(self.folder, self.settings)
             file, log = str(self.folder / SETTINGS), self.folder / "server.log"
             seconds, into = str(self.settings.seconds), ["--into", str(self.folder)]
+            # a socket's path has at most some hundred bytes, and that of a run may be longer
+            state = self._state = tempfile.TemporaryDirectory(prefix="cogrip-")
+            kept = ["--state", state.name]
             longest = str(self.settings.seconds + 60.0)  # it ends by itself if this process is killed
-            self._children[SERVER] = start_child(log, ["serve", file, "--port", "0", "--seconds", longest, *into])
+            self._children[SERVER] = start_child(
+                log, ["serve", file, "--port", "0", *kept, "--seconds", longest, *into]
+            )
             try:
                 self.address = f"127.0.0.1:{listening_at(SERVER, self._children[SERVER], log, self._stop)}"
+                self.administration = Administration(state.name)
+                self.administration._seen = 0  # from the server's first event on
                 if self._on_frame:
                     self._start(lambda: watch(self.address, self._on_frame, stop=self._stop))
                 for user in self.settings.users:
@@ -101,6 +113,26 @@ class Session:
         self._clients.append(client)
         self._start(client.run, name)
         return client
+
+    def set(self, name: str = "", /, **values: Any) -> str:
+        """Change settings of a person, or of the room, while people hold the object: `Administration.set`."""
+        return self.administration.set(name, **values)
+
+    def mark(self, text: str) -> None:
+        """Set a marker in every recording."""
+        self.administration.mark(text)
+
+    def who(self) -> Sequence[RosterEntry]:
+        """Return everybody who is seated or observes."""
+        return self.administration.who()
+
+    def kick(self, name: str, reason: str = "") -> None:
+        """End somebody's session."""
+        self.administration.kick(name, reason)
+
+    def wait_for(self, event: str, *, user: str = "", text: str = "", seconds: float | None = None) -> ServerEvent:
+        """Return the next event of a kind: `Administration.wait_for`."""
+        return self.administration.wait_for(event, user=user, text=text, seconds=seconds)
 
     def wait(self) -> Run:
         """Return the run once everybody has left. Raises ApiError with the reason where somebody's session broke off."""
@@ -150,6 +182,7 @@ class Session:
             log = self.folder / ("server.log" if name == SERVER else client_log(name))
             self._failed.setdefault(name, how_ended(self._children[name], log))
         self._children.clear()
+        self._state.cleanup()
         self._stop.reason = "the session is over"
         for thread in self._threads:
             thread.join()

@@ -1,6 +1,7 @@
-"""HTTP of one caller, without its socket: bytes in, a request out; an answer, or a stream of events, back (h11).
+"""Both ends of a connection of the administration interface, without their sockets (h11): bytes in, bytes out.
 
-A connection carries one request: whoever asks again connects again, so that nobody keeps a place without asking.
+A connection carries one request, and an answer or a stream of events: whoever asks again connects again, so that nobody keeps
+a place without asking.
 """
 
 from typing import Any, NamedTuple
@@ -8,6 +9,8 @@ from typing import Any, NamedTuple
 import h11
 import msgspec
 
+from cogrip.server.administration.operations import AskedOrder, EventFilter, request_of
+from cogrip.server.administration.orders import OrderReply
 from cogrip.server.events import ServerEvent
 
 MOST_HEAD_BYTES = 8192  # most bytes of a request's head
@@ -79,11 +82,10 @@ class HttpCaller:
         """Return the bytes with which a stream of events begins."""
         return self._send(h11.Response(status_code=200, headers=[_STREAM, (b"cache-control", b"no-store")]), alive())
 
-    def event(self, event: ServerEvent) -> bytes:
+    def event(self, number: int, event: ServerEvent) -> bytes:
         """Return the bytes of one event."""
-        return self._send(
-            h11.Data(data=b"event: %s\ndata: %s\n\n" % (event.event.encode(), msgspec.json.encode(event)))
-        )
+        parts = number, event.event.encode(), msgspec.json.encode(event)
+        return self._send(h11.Data(data=b"id: %d\nevent: %s\ndata: %s\n\n" % parts))
 
     def alive(self) -> bytes:
         """Return the bytes of a comment: whoever is gone is found out."""
@@ -99,3 +101,49 @@ class HttpCaller:
 def alive() -> h11.Data:
     """Return a comment of a stream."""
     return h11.Data(data=b": alive\n\n")
+
+
+class HttpAsker:
+    """Client's end of a connection.
+
+    request  bytes to send first
+    ended    whether nothing more comes
+    """
+
+    def __init__(self, asked: AskedOrder | EventFilter) -> None:
+        self._http = h11.Connection(h11.CLIENT)
+        method, target, body = request_of(asked)
+        headers = [("host", "cogrip"), ("content-length", f"{len(body)}"), ("content-type", "application/json")]
+        events = h11.Request(method=method, target=target, headers=headers), h11.Data(data=body), h11.EndOfMessage()
+        self.request = b"".join([self._http.send(event) or b"" for event in events])
+        self.ended = False
+        self._body = b""
+        self._streams = isinstance(asked, EventFilter)
+        self._refused = False
+
+    def receive(self, data: bytes) -> list[tuple[int, ServerEvent]]:
+        """Take in bytes, b"" for the end; return the events in them, each with its number. Raises ValueError for no answer."""
+        try:
+            self._http.receive_data(data)
+            while (event := self._http.next_event()) is not h11.NEED_DATA:
+                if isinstance(event, h11.Response):
+                    self._refused = event.status_code != 200
+                elif isinstance(event, h11.Data):
+                    self._body += bytes(event.data)
+                    if len(self._body) > 2 * MOST_ANSWER_BYTES:
+                        raise ValueError("the answer is too long")
+                elif isinstance(event, h11.EndOfMessage | h11.ConnectionClosed) or event is h11.PAUSED:
+                    self.ended = True
+                    break
+        except h11.RemoteProtocolError as error:
+            raise ValueError(str(error)) from None
+        return self._events() if self._streams and not self._refused else []
+
+    def reply(self) -> OrderReply:
+        """Return the answer. Raises ValueError (msgspec.DecodeError) for what is none."""
+        return msgspec.json.decode(self._body, type=OrderReply)
+
+    def _events(self) -> list[tuple[int, ServerEvent]]:
+        *whole, self._body = self._body.split(b"\n\n")
+        parts = [each.split(b"\n") for each in whole if each.startswith(b"id: ")]
+        return [(int(first[4:]), msgspec.json.decode(last[6:], type=ServerEvent)) for first, *_, last in parts]

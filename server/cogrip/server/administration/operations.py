@@ -47,10 +47,15 @@ class SetBody(msgspec.Struct, frozen=True, forbid_unknown_fields=True, omit_defa
 
 
 class EventFilter(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
-    """Events that a stream has: of this room, of this kind; all where neither is given."""
+    """Events that a stream has: of this room, of this kind; all where neither is given.
+
+    after: number of an event from which the stream goes on, as far as the server still has those after it; 0: from its first
+    one; -1: only those to come
+    """
 
     room: Word = ""
     event: Word = ""
+    after: int = -1
 
     def takes(self, event: ServerEvent) -> bool:
         """Return whether the stream has this event. What is of no room is in the streams of all."""
@@ -75,6 +80,8 @@ OPERATIONS = (
     Operation("POST", f"{API}/reload", ReloadOrder, "Read the tokens again"),
     Operation("POST", f"{API}/drain", DrainOrder, "Let the rooms of a host of the cluster move to others"),
 )
+AskedOrder = KickOrder | MarkOrder | SetBody | ReloadOrder | StatusOrder | WhoOrder | DrainOrder
+"""Order as whoever asks has it."""
 _BY_PLACE = {(each.method, each.path): each for each in OPERATIONS}
 _PLAIN = (OPENAPI, SETTABLE, EVENT_STREAM, METRICS)
 
@@ -100,7 +107,7 @@ def order_of(method: str, target: str, body: bytes) -> AnyOrder | EventFilter | 
     query = dict(parse_qsl(parts.query, keep_blank_values=True, strict_parsing=bool(parts.query)))
     if method == "GET" and parts.path in _PLAIN:
         if parts.path == EVENT_STREAM:
-            return msgspec.convert(query, EventFilter)
+            return msgspec.convert(query, EventFilter, strict=False)
         return Answer(200, openapi() if parts.path == OPENAPI else settable())
     operation = _BY_PLACE.get((method, parts.path))
     if operation is None:
@@ -120,7 +127,7 @@ def _unknown(method: str, path: str) -> UnknownError:
     return UnknownError(f"there is no {path}; there is: {paths}", 404)
 
 
-def request_of(order: AnyOrder | SetBody | EventFilter) -> tuple[str, str, bytes]:
+def request_of(order: AskedOrder | EventFilter) -> tuple[str, str, bytes]:
     """Return method, target and body of the request that is this order."""
     if isinstance(order, EventFilter):
         return "GET", _target(EVENT_STREAM, order), b""
@@ -133,7 +140,7 @@ def request_of(order: AnyOrder | SetBody | EventFilter) -> tuple[str, str, bytes
 
 
 def _target(path: str, fields: msgspec.Struct) -> str:
-    given = {name: value for name, value in msgspec.structs.asdict(fields).items() if value}
+    given = {name: value for name, value in msgspec.structs.asdict(fields).items() if value not in ("", False)}
     return f"{path}?{urlencode(given, quote_via=quote)}" if given else path
 
 

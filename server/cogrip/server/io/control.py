@@ -7,18 +7,18 @@ import errno
 import os
 import socket
 import time
-from collections import Counter
+from collections import Counter, deque
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass, field
 
-import h11
 import msgspec
 
 from cogrip.machine.server_platform import local_socket
 from cogrip.server.administration.connection import (
     MOST_ANSWER_BYTES,
     MOST_BODY_BYTES,
+    HttpAsker,
     HttpCaller,
     HttpRequest,
     RefusedError,
@@ -26,11 +26,10 @@ from cogrip.server.administration.connection import (
 from cogrip.server.administration.operations import (
     METRICS,
     Answer,
+    AskedOrder,
     EventFilter,
-    SetBody,
     UnknownError,
     order_of,
-    request_of,
 )
 from cogrip.server.administration.orders import AnyOrder, OrderReply, Request
 from cogrip.server.events import ServerEvent
@@ -38,6 +37,7 @@ from cogrip.server.io.state_folder import FILE_MODE, StateError, StateFolder
 
 MOST_CALLERS = 8  # most callers at once; further ones wait in the socket's queue
 MOST_STREAMS = 8  # most streams of events at once, beside the callers
+MOST_KEPT = 256  # most events that are kept for a stream that begins later
 MOST_UNSENT_BYTES = (
     65536  # most bytes that wait for one stream's reader; events beyond them are counted, and told as "lost"
 )
@@ -96,6 +96,8 @@ class Control:
         self.metrics_at = ""  # address of the metrics' page, where there is one
         self._callers: list[_Caller] = []
         self._streams: list[_Stream] = []
+        self._events: deque[tuple[int, ServerEvent]] = deque(maxlen=MOST_KEPT)
+        self._number = 0  # of the newest event
         self._again_ns = 0
         self._listen()
 
@@ -145,19 +147,23 @@ class Control:
 
     def publish(self, event: ServerEvent) -> None:
         """Give an event to whoever reads events; sent by the next `poll`."""
+        self._number += 1
+        self._events.append((self._number, event))
         for stream in self._streams:
-            if not stream.takes.takes(event):
-                continue
-            if len(stream.unsent) > MOST_UNSENT_BYTES:
-                stream.lost += 1
-                self.dropped["event without a reader"] += 1
-                continue
-            if stream.lost:
-                stream.unsent += stream.http.event(
-                    ServerEvent(LOST, f"{stream.lost} events were not told: read faster")
-                )
-                stream.lost = 0
-            stream.unsent += stream.http.event(event)
+            self._tell(stream, self._number, event)
+
+    def _tell(self, stream: _Stream, number: int, event: ServerEvent) -> None:
+        if not stream.takes.takes(event):
+            return
+        if len(stream.unsent) > MOST_UNSENT_BYTES:
+            stream.lost += 1
+            self.dropped["event without a reader"] += 1
+            return
+        if stream.lost:
+            text = f"{stream.lost} events were not told: read faster"
+            stream.unsent += stream.http.event(number - 1, ServerEvent(LOST, text))
+            stream.lost = 0
+        stream.unsent += stream.http.event(number, event)
 
     def publishing(self, say: Callable[[ServerEvent], None]) -> Callable[[ServerEvent], None]:
         """Return what says an event, and publishes it."""
@@ -243,7 +249,11 @@ class Control:
             self._answer(caller, 503, OrderReply(False, text))
             return
         self._callers.remove(caller)
-        self._streams.append(_Stream(caller.socket, caller.http, takes, now_ns + ALIVE_NS, caller.http.begin_stream()))
+        stream = _Stream(caller.socket, caller.http, takes, now_ns + ALIVE_NS, caller.http.begin_stream())
+        self._streams.append(stream)
+        for number, event in self._events if takes.after >= 0 else ():
+            if number > takes.after:
+                self._tell(stream, number, event)
 
     def _refuse(self, caller: _Caller, reason: str, text: str, status: int) -> None:
         self.dropped[reason] += 1
@@ -286,59 +296,59 @@ class Control:
         caller.socket.close()
 
 
-def ask(folder: StateFolder, order: AnyOrder | SetBody, limit_s: float = ASK_LIMIT_S) -> OrderReply:
+def ask(folder: StateFolder, order: AskedOrder, limit_s: float = ASK_LIMIT_S) -> OrderReply:
     """Ask the running server, and wait for its answer. Raises NotRunningError, ControlError."""
     until_s = time.monotonic() + limit_s
-    body = b""
-    with asking(folder, order, until_s, limit_s) as (connection, http):
-        received = 0
-        while not isinstance(event := http.next_event(), h11.EndOfMessage | h11.ConnectionClosed):
-            if event is h11.NEED_DATA:
-                connection.settimeout(max(until_s - time.monotonic(), 0.001))
-                piece = connection.recv(MOST_ANSWER_BYTES)
-                received += len(piece)
-                if received > 2 * MOST_ANSWER_BYTES:
-                    break
-                http.receive_data(piece)
-            elif isinstance(event, h11.Data):
-                body += bytes(event.data)
-    try:
-        return msgspec.json.decode(body, type=OrderReply)
-    except (msgspec.DecodeError, UnicodeDecodeError, RecursionError):
-        raise ControlError(
-            f"the server with the state in {folder.path} broke off before it answered; look at what it says itself"
-        ) from None
+    with asking(folder, order, until_s, limit_s) as (connection, asker):
+        while not asker.ended:
+            connection.settimeout(max(until_s - time.monotonic(), 0.001))
+            asker.receive(connection.recv(MOST_ANSWER_BYTES))
+        return asker.reply()
+
+
+def events_of(
+    folder: StateFolder, takes: EventFilter, until_s: float | None = None
+) -> Iterator[tuple[int, ServerEvent]]:
+    """Give the events of the running server as they come, each with its number, until it ends. until_s: of the monotonic clock.
+
+    Raises TimeoutError at that time, NotRunningError, ControlError.
+    """
+    with asking(folder, takes, time.monotonic() + ASK_LIMIT_S, ASK_LIMIT_S, late=TimeoutError) as (connection, asker):
+        while not asker.ended:
+            connection.settimeout(None if until_s is None else max(until_s - time.monotonic(), 0.001))
+            yield from asker.receive(connection.recv(MOST_ANSWER_BYTES))
 
 
 @contextmanager
 def asking(
-    folder: StateFolder, order: "AnyOrder | SetBody | EventFilter", until_s: float, limit_s: float
-) -> Iterator[tuple[socket.socket, h11.Connection]]:
-    """Send a request, and give the connection that the answer comes on. Raises NotRunningError, ControlError."""
+    folder: StateFolder, asked: AskedOrder | EventFilter, until_s: float, limit_s: float,
+    late: type[Exception] | None = None,
+) -> Iterator[tuple[socket.socket, HttpAsker]]:  # fmt: skip
+    """Send a request, and give the connection that the answer comes on. Raises NotRunningError, ControlError.
+
+    late: is raised where nothing comes in time, in place of a ControlError
+    """
     path = _fit_path(folder)
-    method, target, body = request_of(order)
-    http = h11.Connection(h11.CLIENT)
-    headers = [("host", "cogrip"), ("content-length", f"{len(body)}"), ("content-type", "application/json")]
-    events = h11.Request(method=method, target=target, headers=headers), h11.Data(data=body), h11.EndOfMessage()
-    request = b"".join([http.send(event) or b"" for event in events])
+    asker = HttpAsker(asked)
+    broken = f"the server with the state in {folder.path} broke off before it answered; look at what it says itself"
     with local_socket(socket.SOCK_STREAM) as connection:
         try:
             _connect(connection, path, until_s)
-            connection.sendall(request)
-            yield connection, http
+            connection.sendall(asker.request)
+            yield connection, asker
         except (FileNotFoundError, ConnectionRefusedError):
             raise NotRunningError(
                 f"no server is running with the state in {folder.path}; start it, or name the right one by --state or --port"
             ) from None
         except TimeoutError:
+            if late is not None:
+                raise late from None
             raise ControlError(
                 f"the server with the state in {folder.path} did not answer within {limit_s:g} s; "
                 "if it is stopped or hangs, start it again"
             ) from None
-        except (ConnectionResetError, BrokenPipeError, h11.RemoteProtocolError):
-            raise ControlError(
-                f"the server with the state in {folder.path} broke off before it answered; look at what it says itself"
-            ) from None
+        except (ConnectionResetError, BrokenPipeError, ValueError):
+            raise ControlError(broken) from None
         except OSError as error:
             raise ControlError(f"{path}: the server cannot be asked: {error.strerror}; run this as its user") from None
 
