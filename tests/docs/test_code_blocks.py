@@ -70,7 +70,8 @@ BLOCKS = [*on_pages("python"), *in_docstrings()]
 TABLES = [each for each in on_pages("toml") if each[0] != "docs/worlds.md"]
 """Those of docs/worlds.md are run by test_worlds_page.py."""
 EXPECTED = {
-    "docs/administration.md": "", "docs/api.md": "", "docs/effects.md": "", "docs/measures.md": "completion_s", "docs/worlds.md": "",
+    "docs/administration.md": "",
+    "docs/api.md": "", "docs/effects.md": "", "docs/measures.md": "completion_s", "docs/worlds.md": "",
     "api/cogrip/api/__init__.py": "True", "results/cogrip/results/reading/records.py": "0.0",
 }  # fmt: skip
 """Where there is a block -> what it prints."""

@@ -58,6 +58,7 @@ GROUPS: dict[str, Table] = {
         "who": ("admin.who:who", "List who is seated or observes in a running server."),
         "mark": ("admin.mark:mark", "Set a marker in a running session, in every recording of it."),
         "set": ("admin.set_values:set_values", "Change settings of a person, or of a room, in a running session."),
+        "room": ("admin.room:room", "Rooms on demand: new, list, close."),
         "kick": ("admin.kick:kick", "Kick somebody from a running session."),
         "drain": ("admin.drain:drain", "Let the rooms of a host of a cluster move to others."),
         "compile": ("admin.compile:compile_", "Compile what costs time in a tick; the same numbers in half the time."),

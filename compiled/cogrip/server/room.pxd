@@ -36,6 +36,11 @@ cdef class Room:
     cdef public long long put_back
     cdef public object changes
     cdef public tuple _ramps
+    cdef public object called
+    cdef public object template
+    cdef public object labels
+    cdef public bint is_open
+    cdef public tuple _saved
 
     @cython.locals(seat=Seat)
     cpdef bint is_deserted(self) except -1

@@ -33,6 +33,7 @@ class RoomCheckpoint(msgspec.Struct, frozen=True):
 
     progress: measures of its contacts and its task so far (`World.progress`); empty where it has none
     changes: what was set of it since it began
+    called, labels: of a room on demand that is open
     """
 
     version: int
@@ -46,6 +47,8 @@ class RoomCheckpoint(msgspec.Struct, frozen=True):
     coordinates: tuple[float, ...] = ()
     progress: tuple[float, ...] = ()
     changes: RoomChange = RoomChange()
+    called: str = ""
+    labels: dict[str, str] = {}
 
 
 class CheckpointError(ForeignFileError, ValueError):

@@ -71,6 +71,9 @@ class ServerCore:
             inputs.Mark: self._mark,
             inputs.SetHand: self._set_hand,
             inputs.SetRoom: self._set_room,
+            inputs.SpareRooms: self._keep_spare,
+            inputs.OpenRoom: self._open_room,
+            inputs.CloseRoom: self._close_room,
             inputs.TriggerWritten: self._trigger,
             inputs.CloseLedger: lambda given, _: None,
         }
@@ -229,8 +232,8 @@ class ServerCore:
             self._report_mark(room, room.markers.add(text, room.steps))
         if room.refused_effects:
             self._drop("effect refused", len(room.refused_effects))
-            text = f"{room.name}: an effect is refused: {shown(room.refused_effects[0])[:200]}"
-            self.events.append(ServerEvent("trouble", text, room.name))
+            text = f"{room.called}: an effect is refused: {shown(room.refused_effects[0])[:200]}"
+            self.events.append(ServerEvent("trouble", text, room.called))
             room.refused_effects.clear()
         if room.world.failed:
             self._end_room(room)
@@ -272,7 +275,7 @@ class ServerCore:
         room.idle(given.steps)
 
     def _mark(self, given: inputs.Mark, now_ns: int) -> int:
-        rooms = [room for room in self.rooms if given.room in ("", room.name)]
+        rooms = [room for room in self.rooms if given.room in ("", room.called)]
         for room in rooms:
             self._report_mark(room, room.markers.add(given.text, room.steps))
         return len(rooms)
@@ -298,7 +301,7 @@ class ServerCore:
         """Send a change of hand settings to each seat of the user's name that can apply it. Return their number."""
         count = 0
         for room in self.rooms:
-            for seat in room.seats if given.room in ("", room.name) else ():
+            for seat in room.seats if given.room in ("", room.called) else ():
                 if seat.name != given.user or seat.state != "seated" or seat.hand.full:
                     continue
                 if seat.settings.unfit_change(given.change):
@@ -312,11 +315,39 @@ class ServerCore:
 
     def _set_room(self, given: inputs.SetRoom, now_ns: int) -> int:
         """Change each room that can have the change. Return their number."""
-        rooms = [room for room in self.rooms if given.room in ("", room.name) and not room.unfit_change(given.change)]
+        rooms = [room for room in self.rooms if given.room in ("", room.called) and not room.unfit_change(given.change)]
         for room in rooms:
             room.change(given.change)
             self._report_mark(room, room.markers.add(f"set {given.change.text}", room.steps))
         return len(rooms)
+
+    def _keep_spare(self, given: inputs.SpareRooms, now_ns: int) -> None:
+        for room in self.rooms:
+            if room.name in given.rooms:
+                room.make_spare(given.template)
+
+    def _open_room(self, given: inputs.OpenRoom, now_ns: int) -> None:
+        """Open a spare room. Raises ValueError for one that is none, or a name that is taken."""
+        if any(given.called in (room.called, room.name) for room in self.rooms):
+            raise ValueError(f"there is a room {given.called!r} already; give another name")
+        room = next(
+            (room for room in self.rooms if room.name == given.room and room.template and not room.is_open), None
+        )
+        if room is None:
+            raise ValueError(f"{given.room!r} is no spare room")
+        for seat in room.seats:
+            self._table.unbind(seat)
+        room.open(given.called, given.labels)
+        self.events.append(ServerEvent("opened", f"{room.called}: opened, of template {room.template}", room.called))
+
+    def _close_room(self, given: inputs.CloseRoom, now_ns: int) -> int:
+        """Close an open room. Return how many sessions ended."""
+        room = next(room for room in self.rooms if room.name == given.room)
+        count = self._end(lambda each, _: each is room, f"sent out: {given.reason}")
+        text = f"{room.called}: closed: {given.reason}; sessions ended: {count}"
+        self.events.append(ServerEvent("closed", text, room.called))
+        room.close()
+        return count
 
     def _receive_report(self, room: Room, seat: Seat, message: SetHand) -> None:
         """Handle a client's report of its hand settings, which it repeats until it is acknowledged."""
@@ -332,7 +363,7 @@ class ServerCore:
             return
         words = f"marker: {mark.text}"
         if who is None:
-            self.events.append(ServerEvent("marker", f"{room.name}: {words}", room.name))
+            self.events.append(ServerEvent("marker", f"{room.called}: {words}", room.called))
         else:
             self._out.report("marker", room, who, words)
 
@@ -342,8 +373,8 @@ class ServerCore:
         room.restore(checkpoint, now_ns)
         reserved = [seat.name for seat in room.seats if seat.ticket_hash]
         place = ", ".join(f"{value * 1e3:z.1f}" for value in checkpoint.position_m)
-        text = f"{room.name}: restored: the object is at ({place}) mm, seats are kept for {', '.join(reserved) or 'nobody'}"
-        self.events.append(ServerEvent("restored", text, room.name))
+        text = f"{room.called}: restored: the object is at ({place}) mm, seats are kept for {', '.join(reserved) or 'nobody'}"
+        self.events.append(ServerEvent("restored", text, room.called))
 
     def _stop(self, given: inputs.Stop, now_ns: int) -> None:
         for room in self.rooms:
@@ -363,7 +394,7 @@ class ServerCore:
 
     def _kick(self, given: inputs.Kick, now_ns: int) -> int:
         reason = f"kicked by the administrator{': ' if given.reason else ''}{given.reason}"
-        return self._end(lambda room, who: who.name == given.user and given.room in ("", room.name), reason)
+        return self._end(lambda room, who: who.name == given.user and given.room in ("", room.called), reason)
 
     def _revoke(self, given: inputs.Revoke, now_ns: int) -> int:
         return self._end(lambda _, who: bool(who.token) and who.token in given.tokens, "kicked: the token was revoked")

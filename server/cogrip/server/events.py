@@ -20,4 +20,4 @@ UNAUTHENTICATED_EVENTS = (
 )  # fmt: skip
 """Events that unauthenticated peers can cause, at an unencrypted server or by handshakes: a log gets a bounded number."""
 
-EVENTS = (*UNAUTHENTICATED_EVENTS, "restored", "reloaded", "trouble")
+EVENTS = (*UNAUTHENTICATED_EVENTS, "restored", "reloaded", "opened", "closed", "trouble")

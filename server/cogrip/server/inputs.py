@@ -90,6 +90,28 @@ class SetRoom(msgspec.Struct, frozen=True, tag_field="kind", tag="set_room"):
     room: str = ""
 
 
+class SpareRooms(msgspec.Struct, frozen=True, tag_field="kind", tag="spare_rooms"):
+    """Keep these rooms closed, as spare ones of a template; given before anybody joins."""
+
+    template: str
+    rooms: tuple[str, ...]
+
+
+class OpenRoom(msgspec.Struct, frozen=True, tag_field="kind", tag="open_room"):
+    """Open a spare room under a name of its own, its object at its start."""
+
+    room: str
+    called: str
+    labels: dict[str, str] = {}
+
+
+class CloseRoom(msgspec.Struct, frozen=True, tag_field="kind", tag="close_room"):
+    """End all sessions of an open room, which is a spare one again."""
+
+    room: str
+    reason: str
+
+
 class TriggerWritten(msgspec.Struct, frozen=True, tag_field="kind", tag="trigger_written"):
     """A marker reached the trigger line as this code, so long after it was asked for, and so long before this input."""
 
@@ -116,6 +138,9 @@ ServerInput = (
     | Mark
     | SetHand
     | SetRoom
+    | SpareRooms
+    | OpenRoom
+    | CloseRoom
     | TriggerWritten
     | CloseLedger
 )

@@ -30,5 +30,5 @@ class Outputs:
     def report(self, event: str, room: Room, who: Participant, words: str, address: Address = None) -> None:
         """Report an event of one participant. words: what follows the name."""
         where = place_text(address) if address is not None else ""
-        text = f"{room.name}: {who.name} {words}"
-        self.events.append(ServerEvent(event, text, room.name, who.name, where, token=who.token))
+        text = f"{room.called}: {who.name} {words}"
+        self.events.append(ServerEvent(event, text, room.called, who.name, where, token=who.token))

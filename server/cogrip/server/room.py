@@ -1,7 +1,7 @@
 """Room: one object, its seats and observers, and one step a frame."""
 
 from collections import Counter
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from math import dist
 
 import numpy as np
@@ -75,6 +75,11 @@ class Room:
         self.steps = 0
         self.ticks: Callable[[], TickCount] = lambda: TickCount(due=self.steps, run=self.steps)
         self.travel_m, self.put_back = 0.0, 0
+        self.called = self.name  # name by which people find it
+        self.template = ""  # of a room on demand
+        self.labels: Mapping[str, str] = {}
+        self.is_open = True
+        self._saved: Row = ()  # state of the world of a spare room, as it begins
         self.changes = RoomChange()  # what was set of the room since it began
         self._ramps: tuple[tuple[Ramp, Callable[[float], None]], ...] = ()  # of what was set, once anything was
         self.unstable = ""
@@ -157,6 +162,31 @@ class Room:
             seat.ticket = seat.ticket_hash = ""
         return seat.last
 
+    # Rooms on demand: a spare room is opened under a name, and closed again
+
+    def make_spare(self, template: str) -> None:
+        """Close the room, as a spare one of a template, with the state that it has now as its start."""
+        self.template, self.is_open, self.called = template, False, ""
+        self._saved = self.world.save()
+
+    def open(self, called: str, labels: Mapping[str, str]) -> None:
+        """Let people in under this name, with the object at its start."""
+        world, rate_hz = self.world, self.settings.rates.network_hz
+        world.restore(self._saved)
+        if self._ramps:
+            world.set_mass(self.settings.object.mass_kg)
+            world.set_object_damping(self.settings.object.damping_nspm)
+        self.called, self.labels, self.is_open = called, dict(labels), True
+        self.travel_m, self.put_back, self.unstable, self.left = 0.0, 0, "", []
+        self.changes, self._ramps = RoomChange(), ()
+        self.markers, self.effects = RoomMarkers(rate_hz), RoomEffects(self.settings, self.steps)
+        for seat in self.seats:
+            seat.forget()
+
+    def close(self) -> None:
+        """Let nobody in any more."""
+        self.is_open, self.called, self.labels = False, "", {}
+
     def limits(self, number: int) -> SeatLimits:
         """Return the bounds of what a seat may bring in."""
         seat = self.seats[number]
@@ -232,7 +262,18 @@ class Room:
         here, seats = self.world_step.motion()[: self._axes], tuple([seat.checkpoint() for seat in self.seats])
         placed, progress = self.world.coordinates(), self.world.progress.save()
         return RoomCheckpoint(
-            VERSION, self.name, self.digest, here, self.travel_m, self.steps, seats, *placed, progress, self.changes
+            VERSION,
+            self.name,
+            self.digest,
+            here,
+            self.travel_m,
+            self.steps,
+            seats,
+            *placed,
+            progress,
+            self.changes,
+            self.called if self.template else "",
+            dict(self.labels),
         )
 
     def restore(self, checkpoint: RoomCheckpoint, now_ns: int) -> None:
@@ -241,6 +282,8 @@ class Room:
             raise CheckpointError(f"it is of room {checkpoint.room!r} with other settings ({checkpoint.digest})")
         place_again(self.world, self.seats, checkpoint)
         self.travel_m, self.steps = checkpoint.travel_m, checkpoint.steps
+        if checkpoint.called and self.template:
+            self.called, self.labels, self.is_open = checkpoint.called, dict(checkpoint.labels), True
         if checkpoint.changes != RoomChange():
             self.change(checkpoint.changes)
         for seat, before in zip(self.seats, checkpoint.seats, strict=True):

@@ -10,9 +10,8 @@ from cyclopts import Parameter
 
 from cogrip.cli.terminal.problem import BadInput, Problem, within
 from cogrip.protocol.wire.join_link import DEFAULT_PORT
-from cogrip.server.administration.operations import SetBody
+from cogrip.server.administration.operations import AskedOrder, SetBody
 from cogrip.server.administration.orders import (
-    DrainOrder,
     KickOrder,
     MarkOrder,
     OrderReply,
@@ -54,7 +53,7 @@ def server_at(folder: StateFolder) -> ServerRecord | None:
 
 def answer_of(
     command: str,
-    order: WhoOrder | KickOrder | MarkOrder | SetBody | DrainOrder,
+    order: AskedOrder,
     state: Path | None,
     port: int,
 ) -> tuple[OrderReply, Path]:
@@ -65,7 +64,9 @@ def answer_of(
     path = _path(state, port)
     try:
         folder = find_folder(path)
-        if not isinstance(order, DrainOrder) and (server := read_server(folder)) is not None:
+        server = read_server(folder) if isinstance(order, WhoOrder | KickOrder | MarkOrder | SetBody) else None
+        if server is not None and not server.templates:  # of rooms on demand the server alone knows
+            assert isinstance(order, WhoOrder | KickOrder | MarkOrder | SetBody)
             check_known("--room", order.room, list(server.rooms), "room")
         answer = ask(folder, order)
     except (NoStateError, NotRunningError):

@@ -82,13 +82,14 @@ def token_new(
     check_words("token new: --note", note, _MOST_NOTE)
     folder = state_at(state, port)
     server = _encrypted_server(folder)
-    rooms = list(server.rooms)
-    check_known("--room", room, rooms, "room")
-    seats = [seat for each in ([room] if room else rooms) for seat in server.rooms[each]]
+    known = {**server.rooms, **server.templates}
+    if not server.templates:  # of rooms on demand the server alone knows
+        check_known("--room", room, list(known), "room")
+    seats = [seat for each in ([room] if room in known else known) for seat in known[each]]
     check_known("--name", name, seats, "seat")
     now_s = time.time()
     end_s = expiry(expires, now_s) if expires else None
-    where = _place(host, server)
+    where = place_of_link(host, server)
     terms: dict[str, Any] = {
         "role": role, "room": room, "user": name, "device": device, "once": once, "expires": end_s, "note": note
     }  # fmt: skip
@@ -176,7 +177,7 @@ def _encrypted_server(folder: StateFolder) -> ServerRecord:
     return server
 
 
-def _place(host: str, server: ServerRecord) -> tuple[str, int]:
+def place_of_link(host: str, server: ServerRecord) -> tuple[str, int]:
     """Return host and port of the server for the link. Raises BadInput."""
     if host:
         with BadInput.of(LinkError, where="--host: "):

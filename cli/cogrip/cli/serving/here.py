@@ -50,7 +50,7 @@ class ServerHere:
     def begin(self, feed: MetricsFeed | None, told: Mapping[str, Sequence[str]]) -> Housekeeping:
         """See `Placement`."""
         served, say = self._served, self._lines.say
-        self._run_folder = self._keeping.begin(served.rooms, say, self._stack)
+        self._run_folder = self._keeping.begin(served.standing or served.rooms[:1], say, self._stack)
         if self._run_folder and served.record:
             self._server.record_at = self._run_folder / SERVER_RECORDING
         self._folders = self._write_settings()
@@ -61,7 +61,8 @@ class ServerHere:
         with Problem.of(StateError):
             self._housekeeping = Housekeeping(
                 self._server, say, folder=served.folder, authenticator=served.authenticator, metrics=feed,
-                trigger=self._trigger, software=VERSION, fresh=self._fresh,
+                trigger=self._trigger, software=VERSION, fresh=self._fresh, templates=served.templates,
+                empty_s=served.empty_s,
             )  # fmt: skip
         return self._housekeeping
 
@@ -82,7 +83,7 @@ class ServerHere:
 
     def _write_settings(self) -> dict[str, Path]:
         """Leave each room's settings in its own folder of the run. Returns the folders by room."""
-        run_folder, rooms = self._run_folder, self._served.rooms
+        run_folder, rooms = self._run_folder, self._served.standing or self._served.rooms[:1]
         if run_folder is None:
             return {}
         folders = {room.name: run_folder if len(rooms) == 1 else run_folder / room.name for room in rooms}
@@ -102,7 +103,7 @@ class ServerHere:
             self._lines.say("no live table without a recording")
             return
         self._lines.above = screen.passed
-        seats = {room.name: tuple(user.name for user in room.users) for room in self._served.rooms}
+        seats = {room.name: tuple(user.name for user in room.users) for room in self._served.standing}
         state = self._served.folder
         screen.draw(*drawing(ServeView(str(self._run_folder), seats, str(state.path) if state else "")))
 
@@ -115,6 +116,8 @@ class ServerHere:
             losses["log line"] = lines.lost
         well = True
         for room in server.core.rooms:
+            if room.template:  # whatever was opened under it, and more than once
+                continue
             summary = of_room(room, server.elapsed_s, losses)
             well = well and (succeeded(summary) or not came(summary))
             folder, report = self._folders.get(room.name), alone and self._served.report

@@ -10,7 +10,7 @@ from cyclopts import Parameter
 from cogrip.cli.serving.here import ServerHere
 from cogrip.cli.serving.kept_runs import Keeping
 from cogrip.cli.serving.log_lines import LogLines
-from cogrip.cli.serving.served_rooms import Say, Workers, rooms_of, warn_of, worker_count
+from cogrip.cli.serving.served_rooms import Say, Workers, rooms_of, spare_rooms, warn_of, worker_count
 from cogrip.cli.serving.server_state import LOOPBACKS, authenticator_of, held_folder, publish, shared_folder
 from cogrip.cli.session.loopback import is_loopback
 from cogrip.cli.session.network_rate import RateChoices, measured
@@ -23,12 +23,14 @@ from cogrip.machine.platform import system
 from cogrip.machine.stop import Stop, on_signals
 from cogrip.protocol.secure.channel import place_text
 from cogrip.protocol.settings.room import for_remote_clients
+from cogrip.protocol.settings.sections import Settings
 from cogrip.protocol.texts import named
 from cogrip.protocol.wire.join_link import DEFAULT_PORT
 from cogrip.protocol.wire.messages import MOST_WAIT_MS
 from cogrip.server.hosting.placement import Placement, Served
 from cogrip.server.io.loop import FLOOR_BYTES
 from cogrip.server.io.metrics_feed import MetricsError, MetricsFeed, open_metrics
+from cogrip.server.io.rooms_on_demand import EMPTY_S
 from cogrip.server.io.run_retention import GB
 from cogrip.server.io.state_folder import StateFolder, state_path
 
@@ -60,6 +62,8 @@ def serve(
     quiet: Quiet = False,
     python_worlds: PythonWorlds = (),
     workers: Workers = 1,
+    template: Annotated[tuple[str, ...], Parameter(negative="")] = (),
+    empty_after: float = EMPTY_S,
     cluster: str | None = None,
     shared: Path | None = None,
     room_ports: str | None = None,
@@ -121,12 +125,21 @@ def serve(
         Folder that all hosts of the cluster reach, for key, tokens and checkpoints, in place of the state folder.
     room_ports
         UDP ports of the rooms of a cluster, FIRST-LAST, for a firewall; any if not given.
+    template
+        FILE:COUNT, repeatable: at most so many rooms of this settings file, opened on demand by `cogrip room new`.
+    empty_after
+        Seconds after which a room on demand that is empty is closed.
     checkpoints
         Where those of a cluster are: in the shared folder, or in the memory of two of its hosts.
     """
     allow_python_worlds(python_worlds)
     rates = RateChoices(measured, None if fresh else state_path(state, port))
-    rooms = rooms_of(config, overrides, port, into, rates)
+    rooms = rooms_of(config, overrides, port, into, rates, bool(template))
+    spare = spare_rooms(template, overrides, rates)
+    within("--empty-after", empty_after, 1.0, 1e6)
+    _check_names(rooms, spare)
+    standing = rooms or [next(iter(spare.values()))[0]]
+    rooms = [*rooms, *(room for each in spare.values() for room in each)]
     host = _host(host)
     lines = LogLines(log)
     say = lines.say
@@ -138,6 +151,8 @@ def serve(
     keeping.check()
     if encrypted:
         rooms = [for_remote_clients(room) for room in rooms]
+    if spare and (workers != 1 or cluster is not None):
+        raise BadInput("--template is for rooms in one process: leave --workers and --cluster out")
     count = worker_count(workers, len(rooms))
     if count > 1 and trigger is not None:
         raise BadInput("--trigger is for one process: leave --workers out, or serve its room by another server")
@@ -160,7 +175,11 @@ def serve(
         _check_hand_over(hand_over, folder)
         folder = shared_folder(folder, shared, encrypted)
         authenticator = authenticator_of(folder if encrypted else None, say)
-        served = Served(rooms, host, port, folder, authenticator, encrypted, record, report, rates.found)
+        names = {name: [room.name for room in each] for name, each in spare.items()}
+        served = Served(
+            rooms, host, port, folder, authenticator, encrypted, record, report, rates.found, names, empty_after
+        )
+        shown = [*served.standing, *(each[0] for each in spare.values())]  # one of each template
         placement: Placement
         if head is not None:
             from cogrip.cli.serving.cluster import ClusterFlags, ClusterServer, udp_range_of  # with OpenSSL
@@ -178,16 +197,34 @@ def serve(
         with Problem.of(MetricsError):
             feed = None if metrics is None else open_metrics(metrics, say)
         with on_signals(stop, hangup="reload"):
-            chores = placement.begin(feed, warn_of(rooms, placement.bound, encrypted, say))
+            chores = placement.begin(feed, warn_of(shown, placement.bound, encrypted, say))
             link = ""
             if folder:
-                link, chores.published = publish(folder, public, placement.bound, rooms, encrypted, links, say)
+                link, chores.published = publish(
+                    folder,
+                    public,
+                    placement.bound,
+                    served.standing,
+                    encrypted,
+                    links,
+                    say,
+                    spare,
+                )
             chores.more_degraded = lambda: keeping.degraded(record)
             chores.begin()
-            _say_where(placement.bound, encrypted, [room.name for room in rooms], feed, say)
+            _say_where(placement.bound, encrypted, [room.name for room in served.standing], feed, say)
+            for name, each in spare.items():
+                say(f"{len(each)} rooms on demand of template {name}: cogrip room new {name}")
             if view:
-                _view(placement.bound, link, rooms[0].name, insecure, say, stack)
+                _view(placement.bound, link, standing[0].name, insecure, say, stack)
             return placement.run(seconds)
+
+
+def _check_names(rooms: Sequence[Settings], spare: Mapping[str, Sequence[Settings]]) -> None:
+    """Raise BadInput where a room has the name of a template, or of one of its rooms."""
+    taken = {*spare, *(room.name for each in spare.values() for room in each)}
+    if twice := [room.name for room in rooms if room.name in taken]:
+        raise BadInput(f"serve: {twice[0]!r} is a room and a template; give each file a `name` of its own")
 
 
 def _head(cluster: str | None, one_host: dict[str, bool], for_cluster: Mapping[str, object]) -> str | None:
@@ -214,8 +251,8 @@ def _say_where(
     """Say where people and programs find this server."""
     if feed is not None:
         say(f"metrics: http://127.0.0.1:{feed.port}/metrics, health: http://127.0.0.1:{feed.port}/healthz")
-    how = "encrypted" if encrypted else "unencrypted"
-    say(f"listening on {place_text(bound)}, {how}; rooms: {named(names)}; Ctrl-C ends")
+    how, rooms = "encrypted" if encrypted else "unencrypted", named(names) if names else "none yet"
+    say(f"listening on {place_text(bound)}, {how}; rooms: {rooms}; Ctrl-C ends")
 
 
 def _view(bound: tuple[str, int], link: str, room: str, insecure: bool, say: Say, stack: ExitStack) -> None:

@@ -19,6 +19,7 @@ from cogrip.protocol.settings.sections import Settings
 from cogrip.server.events import ServerEvent
 
 MOST_WORKERS = 256
+MOST_SPARE = 1000  # most spare rooms of a template
 Workers = int | Literal["auto"]
 Say = Callable[[ServerEvent | str], None]
 
@@ -37,11 +38,33 @@ def worker_count(wanted: Workers, rooms: int) -> int:
     return count
 
 
+def spare_rooms(templates: Sequence[str], overrides: Sequence[str], rates: RateChoices) -> dict[str, list[Settings]]:
+    """Return the spare rooms of each `--template FILE:COUNT`, by the template's name. Raises BadInput."""
+    found: dict[str, list[Settings]] = {}
+    for text in templates:
+        file, colon, number = text.rpartition(":")
+        if not colon or not number.isdigit() or not 1 <= int(number) <= MOST_SPARE:
+            raise BadInput(f"--template {text}: write FILE:COUNT, with a count from 1 to {MOST_SPARE}")
+        made = load(Path(file), overrides, rate=rates)
+        if made.name in found:
+            raise BadInput(
+                f"--template {text}: two templates are called {made.name!r}; give each file a `name` of its own"
+            )
+        try:
+            found[made.name] = [
+                msgspec.convert({**msgspec.to_builtins(made), "name": f"{made.name}.{place}"}, Settings)
+                for place in range(1, int(number) + 1)
+            ]
+        except msgspec.ValidationError:
+            raise BadInput(f"--template {text}: the name {made.name!r} is too long for a number behind it") from None
+    return found
+
+
 def rooms_of(
-    config: Sequence[Path], overrides: Sequence[str], port: int, into: Path | None, rates: RateChoices
+    config: Sequence[Path], overrides: Sequence[str], port: int, into: Path | None, rates: RateChoices, templates: bool
 ) -> list[Settings]:
-    """Return the settings of each room. Raises BadInput."""
-    if not config:
+    """Return the settings of each room. templates: whether there are rooms on demand beside them. Raises BadInput."""
+    if not config and not templates:
         raise BadInput(
             "serve: name at least one settings file, or one that comes with cogrip (`cogrip configs`), such as demo"
         )

@@ -4,9 +4,10 @@ import os
 import secrets
 import socket
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from contextlib import ExitStack
 from pathlib import Path
+from types import MappingProxyType
 from typing import TYPE_CHECKING
 
 from cogrip.cli.serving.served_rooms import Say
@@ -116,7 +117,7 @@ def _channel(
 
 def publish(
     folder: StateFolder, public: str | None, bound: tuple[str, int], rooms: Sequence[Settings], encrypted: bool,
-    links: bool, say: Say,
+    links: bool, say: Say, templates: Mapping[str, Sequence[Settings]] = MappingProxyType({}),
 ) -> tuple[str, PublishedState]:  # fmt: skip
     """Write the server's record for `cogrip token` and `cogrip kick`, and print the join links. Raises Problem.
 
@@ -125,9 +126,10 @@ def publish(
     """
     host, port = public_place(public, bound)
     seats = {room.name: [user.name for user in room.users] for room in rooms}
+    spare = {name: [user.name for user in each[0].users] for name, each in templates.items()}
     tell = lambda text: say(ServerEvent("trouble", text))  # noqa: E731
     if not encrypted:
-        record = ServerRecord(host, port, "", seats, os.getpid())
+        record = ServerRecord(host, port, "", seats, os.getpid(), spare)
         state = PublishedState(folder.server.name, lambda: write_server(folder, record), tell)
         state.write()
         state.report()
@@ -136,7 +138,7 @@ def publish(
         from cogrip.protocol.io.certificate import load, secret_of
 
         fingerprint, secret = load(folder.shared).fingerprint, secret_of(folder.shared)
-        record = ServerRecord(host, port, fingerprint, seats, os.getpid())
+        record = ServerRecord(host, port, fingerprint, seats, os.getpid(), spare)
         linked = list(seats) if len(seats) <= MOST_LINKED else [""]
         tokens, now_s = TokenFile(folder), time.time()
         _, made = tokens.load().standing(secret, linked, now_s)
@@ -157,6 +159,8 @@ def publish(
     for each in made if links else ():
         link = JoinLink(host, port, each.room, fingerprint, each.token)
         say(f"join {each.room or 'any room'} as {each.role}:  cogrip join '{link.text}'")
+    if not made:  # rooms on demand alone
+        return "", state
     observer = next(each for each in made if each.role == "observer")
     here = LOOPBACKS.get(bound[0], bound[0])
     return JoinLink(here, bound[1], observer.room, fingerprint, observer.token).text, state

@@ -13,9 +13,11 @@ from cogrip.protocol.settings.hand import parsed
 from cogrip.protocol.settings.settable import NOT_SETTABLE, PERSON, ROOM, room_change
 from cogrip.server.administration.orders import (
     AnyOrder,
+    CloseRoomOrder,
     DrainOrder,
     KickOrder,
     MarkOrder,
+    NewRoomOrder,
     OrderReply,
     ReloadOrder,
     SetHandOrder,
@@ -77,11 +79,16 @@ OPERATIONS = (
     Operation("POST", f"{API}/set", SetBody, "Change settings of a person or of a room, ramped, recorded and marked"),
     Operation("POST", f"{API}/mark", MarkOrder, "Set a marker in every recording of the session"),
     Operation("POST", f"{API}/kick", KickOrder, "End somebody's sessions"),
+    Operation("POST", f"{API}/rooms", NewRoomOrder, "Open a spare room of a template, under a name"),
+    Operation("DELETE", f"{API}/rooms", CloseRoomOrder, "Close a room that was opened on demand"),
     Operation("POST", f"{API}/reload", ReloadOrder, "Read the tokens again"),
     Operation("POST", f"{API}/drain", DrainOrder, "Let the rooms of a host of the cluster move to others"),
 )
-AskedOrder = KickOrder | MarkOrder | SetBody | ReloadOrder | StatusOrder | WhoOrder | DrainOrder
+AskedOrder = (
+    KickOrder | MarkOrder | SetBody | NewRoomOrder | CloseRoomOrder | ReloadOrder | StatusOrder | WhoOrder | DrainOrder
+)
 """Order as whoever asks has it."""
+QUERIED = ("GET", "DELETE")  # methods whose fields are in the query
 _BY_PLACE = {(each.method, each.path): each for each in OPERATIONS}
 _PLAIN = (OPENAPI, SETTABLE, EVENT_STREAM, METRICS)
 
@@ -112,7 +119,7 @@ def order_of(method: str, target: str, body: bytes) -> AnyOrder | EventFilter | 
     operation = _BY_PLACE.get((method, parts.path))
     if operation is None:
         raise _unknown(method, parts.path)
-    if method == "GET":
+    if method in QUERIED:
         given = msgspec.convert(query, operation.takes, strict=False)
     else:
         given = msgspec.json.decode(body or b"{}", type=operation.takes)
@@ -122,7 +129,7 @@ def order_of(method: str, target: str, body: bytes) -> AnyOrder | EventFilter | 
 def _unknown(method: str, path: str) -> UnknownError:
     known = [each.method for each in OPERATIONS if each.path == path] or (["GET"] if path in _PLAIN else [])
     if known:
-        return UnknownError(f"{path} takes {known[0]}, not {method}", 405)
+        return UnknownError(f"{path} takes {' or '.join(known)}, not {method}", 405)
     paths = ", ".join([*_PLAIN, *[each.path for each in OPERATIONS]])
     return UnknownError(f"there is no {path}; there is: {paths}", 404)
 
@@ -132,8 +139,8 @@ def request_of(order: AskedOrder | EventFilter) -> tuple[str, str, bytes]:
     if isinstance(order, EventFilter):
         return "GET", _target(EVENT_STREAM, order), b""
     operation = next(each for each in OPERATIONS if each.takes is type(order))
-    if operation.method == "GET":
-        return "GET", _target(operation.path, order), b""
+    if operation.method in QUERIED:
+        return operation.method, _target(operation.path, order), b""
     body = msgspec.to_builtins(order)
     body.pop("verb", None)
     return operation.method, operation.path, msgspec.json.encode(body)
@@ -166,15 +173,15 @@ def openapi() -> dict[str, Any]:
     paths: dict[str, Any] = {}
     for operation, shape in zip(OPERATIONS, bodies, strict=False):
         said: dict[str, Any] = {
-            "summary": operation.summary, "operationId": operation.path.rpartition("/")[2],
+            "summary": operation.summary, "operationId": f"{operation.method.lower()}_{operation.path.rpartition('/')[2]}",
             "responses": {"200": {"description": "Done", **reply}, "409": refused, "400": refused},
         }  # fmt: skip
-        if operation.method == "GET":
+        if operation.method in QUERIED:
             said["parameters"] = _parameters(components[shape.__name__])
         else:
             reference = {"$ref": f"#/components/schemas/{shape.__name__}"}
             said["requestBody"] = {"content": {"application/json": {"schema": reference}}, "required": True}
-        paths[operation.path] = {operation.method.lower(): said}
+        paths.setdefault(operation.path, {})[operation.method.lower()] = said
     ok = {"content": {"application/json": {"schema": {"type": "object"}}}, "description": "Done"}
     paths[SETTABLE] = {
         "get": {

@@ -14,6 +14,9 @@ Word = Annotated[str, msgspec.Meta(max_length=MOST_WORD)]
 Words = Annotated[str, msgspec.Meta(max_length=MOST_REASON)]
 
 
+Labels = Annotated[dict[Word, Word], msgspec.Meta(max_length=8)]
+
+
 class Order(msgspec.Struct, frozen=True, forbid_unknown_fields=True, tag_field="verb"):
     """Order to a server."""
 
@@ -49,6 +52,20 @@ class SetRoomOrder(Order, frozen=True, tag="set_room"):
     room: Word = ""  # name of the room; "" where the server has one alone
 
 
+class NewRoomOrder(Order, frozen=True, tag="new_room"):
+    """Open a spare room of a template."""
+
+    template: Word
+    name: Word = ""  # "" draws one
+    labels: Labels = {}
+
+
+class CloseRoomOrder(Order, frozen=True, tag="close_room"):
+    """Close a room that was opened on demand; whoever is in it is sent out."""
+
+    room: Word
+
+
 class ReloadOrder(Order, frozen=True, tag="reload"):
     """Read the tokens again."""
 
@@ -69,7 +86,10 @@ class DrainOrder(Order, frozen=True, tag="drain"):
     host: Words
 
 
-AnyOrder = KickOrder | MarkOrder | SetHandOrder | SetRoomOrder | ReloadOrder | StatusOrder | WhoOrder | DrainOrder
+AnyOrder = (
+    KickOrder | MarkOrder | SetHandOrder | SetRoomOrder | NewRoomOrder | CloseRoomOrder | ReloadOrder | StatusOrder
+    | WhoOrder | DrainOrder
+)  # fmt: skip
 NO_CLUSTER = "this server is no part of a cluster (serve --cluster): it has one host, which cannot be drained"
 
 
@@ -84,6 +104,8 @@ class RoomEntry(msgspec.Struct, frozen=True):
     position_m: tuple[float, ...]  # place of the object
     speed_mps: float  # speed of the object's places
     changed: str = ""  # what was set of it since it began
+    template: str = ""  # of a room on demand
+    labels: Mapping[str, str] = {}
 
 
 class OrderReply(msgspec.Struct, frozen=True, forbid_unknown_fields=True, omit_defaults=True):

@@ -157,6 +157,8 @@ class Joining:
     def _welcome(self, room: Room, who: Seat | Observer) -> None:
         role: Role = "player" if isinstance(who, Seat) else "observer"
         settings = who.begins_with if isinstance(who, Seat) else replace(room.seats[0].begins_with, user=who.name)
+        if room.template:
+            settings = replace(settings, room=room.called)
         welcome = Welcome(
             PROTOCOL_VERSION, who.nonce, who.session, room.digest, self._software, settings, who.ticket, role
         )  # fmt: skip

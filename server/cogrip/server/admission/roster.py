@@ -67,7 +67,7 @@ def _entry(room: "Room", who: "Participant", now_ns: int, **other: Any) -> Roste
     place = "away" if who.address is None else place_text(who.address)
     since_s = round(max(0, now_ns - who.since_ns) * 1e-9, 1)
     up_ms, down_ms = _ms(who.clock.return_ns), _ms(who.clock.forward_ns)
-    return RosterEntry(who.name, room.name, place, since_s, up_ms=up_ms, down_ms=down_ms, **other)
+    return RosterEntry(who.name, room.called, place, since_s, up_ms=up_ms, down_ms=down_ms, **other)
 
 
 def _ms(value_ns: int | None) -> Number:

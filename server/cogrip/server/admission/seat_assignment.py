@@ -138,10 +138,12 @@ def _rooms(rooms: Sequence[Room], hello: Hello, grant: Grant) -> list[Room] | De
     if grant.room and hello.room not in ("", grant.room):
         return Denied("room", f"this token is for room {grant.room!r}, not {hello.room!r}; use the link as it is")
     wanted = hello.room or grant.room
-    among = [room for room in rooms if wanted in ("", room.name)]
+    # a room on demand is entered by its name alone
+    among = [room for room in rooms if room.is_open and (wanted == room.called or not (wanted or room.template))]
     if not among:
-        there = ", ".join(room.name for room in rooms)
-        return Denied("room", f"there is no room {wanted!r} here; there is: {there}")
+        there = ", ".join([room.called for room in rooms if not room.template])
+        known = f"; there is: {there}" if there else ": it was not opened yet, or is closed again"
+        return Denied("room", f"there is no room {wanted!r} here{known}")
     return among
 
 

@@ -10,9 +10,11 @@ import msgspec
 from cogrip.machine.addition import add_integers
 from cogrip.server.administration.orders import (
     NO_CLUSTER,
+    CloseRoomOrder,
     DrainOrder,
     KickOrder,
     MarkOrder,
+    NewRoomOrder,
     OrderReply,
     ReloadOrder,
     Request,
@@ -150,6 +152,12 @@ class Administration:
         if isinstance(order, DrainOrder):
             text, ok = self._drain(order.host)
             self._control.answer(request, OrderReply(ok, text))
+            return
+        if isinstance(order, NewRoomOrder | CloseRoomOrder):
+            text = (
+                "rooms on demand are of a server without --workers and --cluster: start one with --template FILE:COUNT"
+            )
+            self._control.answer(request, OrderReply(False, text))
             return
         room = "" if isinstance(order, StatusOrder | ReloadOrder) else order.room
         if isinstance(order, SetRoomOrder) and not room and len(self._front.rooms) > 1:

@@ -7,6 +7,7 @@ A command chooses a placement by its flags, and from then on knows `Placement` a
 """
 
 from collections.abc import Callable, Mapping, Sequence
+from types import MappingProxyType
 from typing import TYPE_CHECKING, NamedTuple, Protocol
 
 from cogrip.protocol.settings.network_rate import RateChoice
@@ -14,6 +15,7 @@ from cogrip.protocol.settings.sections import Settings
 from cogrip.server.io.authenticator import TokenAuthenticator
 from cogrip.server.io.metrics_feed import MetricsFeed
 from cogrip.server.io.published_state import PublishedState
+from cogrip.server.io.rooms_on_demand import EMPTY_S
 from cogrip.server.io.state_folder import StateFolder
 from cogrip.server.snapshot import Snapshot
 
@@ -27,6 +29,8 @@ class Served(NamedTuple):
     host, port    address to listen on
     folder        state of the server; None without
     rates         choice of the rate of each room that asked for "auto"
+    templates     names of the spare rooms of each template, which are the last of `rooms`
+    empty_s       how long a room on demand may be empty
     """
 
     rooms: Sequence[Settings]
@@ -38,6 +42,14 @@ class Served(NamedTuple):
     record: bool
     report: bool
     rates: Mapping[str, RateChoice]
+    templates: Mapping[str, Sequence[str]] = MappingProxyType({})
+    empty_s: float = EMPTY_S
+
+    @property
+    def standing(self) -> Sequence[Settings]:
+        """Rooms that are open from the start."""
+        spare = {name for names in self.templates.values() for name in names}
+        return [room for room in self.rooms if room.name not in spare]
 
     @property
     def key_folder(self) -> StateFolder | None:

@@ -92,6 +92,13 @@ class TokenAuthenticator:
         """Revoke a token. An unknown id is ignored."""
         self._apply(TokenChange("revoke", ident, self._wall_s()))
 
+    def revoke_room(self, room: str) -> None:
+        """Revoke all tokens that are for this room alone, those that were made a moment ago too."""
+        self._read(forced=True)
+        for token in self._book.tokens:
+            if token.room == room and token.revoked is None:
+                self.revoke(token.id)
+
     def revoked(self) -> set[str]:
         """Return the ids of tokens revoked since the last call; of all at the first, as restored seats may be of them."""
         self._report_failures()

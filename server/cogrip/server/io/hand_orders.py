@@ -38,7 +38,7 @@ class AwaitedOrders:
         """Tell the change, or answer why not."""
         named = [
             who for room, who in self._core.roster()
-            if isinstance(who, Seat) and who.name == order.user and order.room in ("", room.name)
+            if isinstance(who, Seat) and who.name == order.user and order.room in ("", room.called)
         ]  # fmt: skip
         if len(named) != 1:
             here = ", ".join(who.name for _, who in self._core.roster() if isinstance(who, Seat))

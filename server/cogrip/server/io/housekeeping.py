@@ -5,6 +5,7 @@ from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
 from math import hypot
 from pathlib import Path
+from types import MappingProxyType
 from typing import Protocol
 
 from cogrip.machine.addition import add_integers
@@ -12,9 +13,11 @@ from cogrip.protocol.settings.tool_frame import ToolFrame
 from cogrip.server import inputs
 from cogrip.server.administration.orders import (
     NO_CLUSTER,
+    CloseRoomOrder,
     DrainOrder,
     KickOrder,
     MarkOrder,
+    NewRoomOrder,
     OrderReply,
     Orders,
     ReloadOrder,
@@ -33,6 +36,7 @@ from cogrip.server.io.control import Control
 from cogrip.server.io.hand_orders import AwaitedOrders
 from cogrip.server.io.loop import LiveServer
 from cogrip.server.io.published_state import PublishedState
+from cogrip.server.io.rooms_on_demand import EMPTY_S, RoomsOnDemand
 from cogrip.server.io.service_notify import ServiceNotifier
 from cogrip.server.io.state_folder import StateError, StateFolder
 from cogrip.server.io.trigger import Trigger
@@ -53,6 +57,8 @@ class Tokens(Protocol):
     def not_written(self) -> str: ...
 
     def revoke(self, ident: str) -> None: ...
+
+    def revoke_room(self, room: str) -> None: ...
 
     def revoked(self) -> set[str]: ...
 
@@ -118,11 +124,14 @@ class Housekeeping:
         fresh: bool = False,
         orders: Orders | None = None,
         checkpoints: Callable[[str, Callable[[str], None]], Checkpoints] | None = None,
+        templates: Mapping[str, Sequence[str]] = MappingProxyType({}),
+        empty_s: float = EMPTY_S,
     ) -> None:
         """fresh: begin with every object at its start, whatever checkpoints there are. Raises ControlError.
 
         orders: source of orders; that of the folder if not given
         checkpoints: makes those of a room, given what reports a failure; files of the folder if not given
+        templates: names of the spare rooms of each template; empty_s: how long one that was opened may be empty
         """
         self.published: PublishedState | None = None
         self.more_degraded: Callable[[], Mapping[str, str]] = dict
@@ -138,6 +147,9 @@ class Housekeeping:
         if isinstance(self._control, Control):
             self._say = server.say = self._control.publishing(say)
             self._control.metrics_at = metrics.address if metrics is not None else ""
+        self._on_demand = RoomsOnDemand(server.core, entry_of, self._room_changed, empty_s)
+        for template, spare in templates.items():
+            server.core.handle(inputs.SpareRooms(template, tuple(spare)), time.monotonic_ns())
         self._hand_orders = AwaitedOrders(server.core, lambda request, text, ok: self._answer(request, text, ok))
         self._writers: dict[str, Checkpoints] = {}
         self._thread: WriterThread | None = None  # of all writers
@@ -208,6 +220,7 @@ class Housekeeping:
             self._next_ns = now_ns + EVERY_NS
             self._end_revoked()
             self._report_limits()
+            self._on_demand.close_empty(now_ns)
             if self.published is not None:
                 self.published.chore(now_ns)
             for room in self._server.core.rooms if self._writers else ():
@@ -294,6 +307,12 @@ class Housekeeping:
         self._look_for_people()
         self._write_checkpoints(list(self._used))
 
+    def _room_changed(self, room: Room, opened: bool) -> None:
+        """Write the checkpoint of a room on demand; revoke the tokens of one that is about to be closed."""
+        self._used[room] = None
+        if not opened and self._authenticator is not None:
+            self._authenticator.revoke_room(room.called)
+
     def _look_for_people(self) -> None:
         self._used.update((room, None) for room in self._server.awake if not room.deserted)
 
@@ -319,8 +338,8 @@ class Housekeeping:
                 for reason in room.limited(number):
                     now.add(what := (seat.session, reason))
                     if what not in self._reported_limits:
-                        words = f"{room.name}: {seat.name} brings in more than the seat may: {reason}"
-                        events.append(ServerEvent("limited", words, room.name, seat.name, token=seat.token))
+                        words = f"{room.called}: {seat.name} brings in more than the seat may: {reason}"
+                        events.append(ServerEvent("limited", words, room.called, seat.name, token=seat.token))
         self._reported_limits = now
 
     def _read_tokens(self, now_ns: int) -> None:
@@ -366,6 +385,11 @@ class Housekeeping:
                 return
             case SetRoomOrder() as order:
                 text, ok = self._set_room(order)
+            case NewRoomOrder() as order:
+                self._reply(request, self._on_demand.open(order))
+                return
+            case CloseRoomOrder() as order:
+                text, ok = self._on_demand.close(order.room, "by the administrator")
             case ReloadOrder():
                 text, ok = self._reload()
             case DrainOrder():
@@ -386,7 +410,11 @@ class Housekeeping:
 
     def _kick(self, order: KickOrder) -> tuple[str, bool]:
         core = self._server.core
-        named = [who for room, who in core.roster() if who.name == order.user and order.room in ("", room.name)]
+        named = [
+            who
+            for room, who in core.roster()
+            if who.name == order.user and room.is_open and order.room in ("", room.called)
+        ]
         tokens = {who.token for who in named} - {""}
         if not core.handle(inputs.Kick(order.user, order.room, order.reason), time.monotonic_ns()):
             here = ", ".join(who.name for _, who in core.roster())
@@ -411,23 +439,23 @@ class Housekeeping:
 
     def _set_room(self, order: SetRoomOrder) -> tuple[str, bool]:
         core = self._server.core
-        rooms = [room for room in core.rooms if order.room in ("", room.name)]
+        rooms = [room for room in core.rooms if room.is_open and order.room in ("", room.called)]
         if len(rooms) != 1:
-            names = ", ".join(room.name for room in core.rooms)
+            names = ", ".join(room.called for room in core.rooms if room.is_open)
             return (
                 f"there are several rooms; name one by --room: {names}" if rooms else f"there is no room {order.room!r}"
             ), False
         (room,) = rooms
         if why := room.unfit_change(order.change):
-            return f"{room.name}: {why}", False
+            return f"{room.called}: {why}", False
         now_ns = time.monotonic_ns()
-        self._server.count_deserted(now_ns, room.name)  # the change has a step
-        core.handle(inputs.SetRoom(order.change, room.name), now_ns)
-        return f"{room.name}: {order.change.text}, within some seconds", True
+        self._server.count_deserted(now_ns, room.called)  # the change has a step
+        core.handle(inputs.SetRoom(order.change, room.called), now_ns)
+        return f"{room.called}: {order.change.text}, within some seconds", True
 
     def _who(self, order: WhoOrder) -> tuple[str, bool, list[RosterEntry]]:
-        rooms = [room for room in self._server.core.rooms if order.room in ("", room.name)]
-        if not rooms:
+        rooms = [room for room in self._server.core.rooms if room.is_open and order.room in ("", room.called)]
+        if not rooms and order.room:
             return f"there is no room {order.room!r} here", False, []
         entries = roster_of(rooms, time.monotonic_ns())
         more = len(entries) - MOST_LISTED
@@ -437,21 +465,20 @@ class Housekeeping:
     def _status(self) -> OrderReply:
         server = self._server
         server.count_deserted(time.monotonic_ns())
-        rooms = server.core.rooms
+        rooms = [room for room in server.core.rooms if room.is_open][:MOST_LISTED]
         names = [
-            f"{room.name}: {', '.join(seat.name for seat in room.seats if seat.state == 'seated') or 'nobody'}"
-            for room in rooms[:MOST_LISTED]
+            f"{room.called}: {', '.join(seat.name for seat in room.seats if seat.state == 'seated') or 'nobody'}"
+            for room in rooms
         ]
-        text = f"up for {server.elapsed_s:.0f} s; {'; '.join(names)}"
-        return OrderReply(
-            True, text, rooms=tuple([_entry(room) for room in rooms[:MOST_LISTED]]), degraded=self.degraded()
-        )
+        spare = [f"{count} spare of {name}" for name, count in self._on_demand.spare().items()]
+        text = "; ".join([f"up for {server.elapsed_s:.0f} s", *names, *spare])
+        return OrderReply(True, text, rooms=tuple(map(entry_of, rooms)), degraded=self.degraded())
 
 
-def _entry(room: Room) -> RoomEntry:
+def entry_of(room: Room) -> RoomEntry:
     motion, axes, places = room.world_step.motion(), room.world.axes, room.world.places
     seated = add_integers(seat.state == "seated" for seat in room.seats)
     return RoomEntry(
-        room.name, len(room.seats), seated, len(room.observer_slots.observers), room.steps, motion[:places],
-        hypot(*motion[axes : axes + places]), room.changes.text,
+        room.called, len(room.seats), seated, len(room.observer_slots.observers), room.steps, motion[:places],
+        hypot(*motion[axes : axes + places]), room.changes.text, room.template, dict(room.labels),
     )  # fmt: skip

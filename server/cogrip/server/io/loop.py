@@ -254,7 +254,7 @@ class LiveServer:
     def count_deserted(self, now_ns: int, room: str = "", *, steps: bool = True) -> None:
         """Bring the ticks of this deserted room, or of all of them, up to date, and their steps."""
         for each in self._asleep.values():
-            if room not in ("", each.room.name):
+            if room not in ("", each.room.called):
                 continue
             if steps:
                 each.count_passed(self.core, now_ns)

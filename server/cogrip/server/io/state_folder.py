@@ -68,6 +68,7 @@ class ServerRecord(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     fingerprint: Annotated[str, msgspec.Meta(pattern=r"^([0-9a-f]{64})?\Z")]
     rooms: dict[str, list[str]]  # seats of each room, by its name
     pid: Annotated[int, msgspec.Meta(ge=1)]
+    templates: dict[str, list[str]] = {}  # seats of the rooms on demand, by template
 
 
 def state_path(state: Path | None, port: int, environment: Mapping[str, str] = os.environ) -> Path | None:

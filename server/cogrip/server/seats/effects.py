@@ -25,12 +25,13 @@ KEPT_S = 2.0  # time for which an effect that ends by itself is told beyond its 
 class RoomEffects:
     """Effects of `[[effects]]`, as of a step."""
 
-    def __init__(self, settings: Settings) -> None:
+    def __init__(self, settings: Settings, begun_step: int = 0) -> None:
+        """begun_step: step from which the times of the settings count."""
         self._frame_s = 1.0 / settings.rates.network_hz
         self._sections = settings.effects
         self._users = [user.name for user in settings.users]
-        self._marked: list[int | None] = [None if section.marker else 0 for section in self._sections]
-        self._looked = 0  # step from which on markers are new
+        self._marked: list[int | None] = [None if section.marker else begun_step for section in self._sections]
+        self._looked = begun_step  # step from which on markers are new
         self._turns: list[tuple[int, int] | None] = [None] * len(self._sections)
         self._effects: list[Effect | None] = [None] * len(self._sections)
         self._of: list[tuple[Effect, ...]] = [()] * len(self._users)

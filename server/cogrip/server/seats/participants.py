@@ -127,6 +127,13 @@ class Seat(Participant):
         self.ticket_hash = ""
         self.reserved_until_ns = None
 
+    def forget(self) -> None:
+        """Forget whoever had the seat: the room begins anew."""
+        self.void_ticket()
+        self.account = self.last = self.record = None
+        self.earlier = []
+        self.limited = {}
+
     def is_free(self, now_ns: int) -> bool:
         """Return whether a newcomer may have this seat."""
         return self.state == "free" and (self.reserved_until_ns is None or now_ns >= self.reserved_until_ns)

@@ -36,6 +36,9 @@ class FrontVerdicts:
         self._revoked.update(revoked)
         self._expired.update(expired)
 
+    def revoke_room(self, room: str) -> None:
+        """Do nothing: there are no rooms on demand here."""
+
     def revoke(self, ident: str) -> None:
         """Let the front revoke a token."""
         self._link.send(RevokeToken(ident))
