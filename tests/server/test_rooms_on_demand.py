@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 import pytest
 
+from cogrip.machine.pacing import Pacer
 from cogrip.protocol.settings.settable import RoomChange
 from cogrip.protocol.wire import messages
 from cogrip.protocol.wire.messages import Welcome, decode
@@ -18,6 +19,7 @@ from cogrip.server.inputs import CloseLedger, CloseRoom, OpenRoom, Restore, SetR
 from cogrip.server.io.housekeeping import entry_of
 from cogrip.server.io.rooms_on_demand import RoomsOnDemand
 from cogrip.server.room import Room
+from cogrip.server.snapshot import SnapshotMaker
 
 from tests.kinds import SCHEMES, object_of
 from tests.server.recorded_rooms import ADDRESSES, Server, a_room
@@ -149,6 +151,23 @@ def test_a_restarted_server_has_the_rooms_that_were_open() -> None:
         again.core.handle(Restore(decode_checkpoint(encode_checkpoint(checkpoint))), 0)
     assert [(each.called, each.is_open) for each in again.core.rooms] == [("lab", True), ("group 7", True), ("", False)]
     assert isinstance(again.hello("x", room="group 7"), Welcome)
+
+
+def test_measures_are_of_open_rooms_under_their_names() -> None:
+    desk = lessons(2)
+    rooms, _ = demand(desk.core, 2)
+    ticks = {each.name: Pacer(128, 0) for each in desk.core.rooms}
+    maker = SnapshotMaker(desk.core.rooms, ticks, "test")
+
+    def names() -> list[str]:
+        return [each.room for each in maker.make(1.0).rooms]
+
+    assert names() == ["lab"]
+    rooms.open(NewRoomOrder("lesson", "group 7"))
+    assert names() == ["lab", "group 7"]
+    rooms.close("group 7", "it is over")
+    rooms.open(NewRoomOrder("lesson", "group 8"))
+    assert names() == ["lab", "group 8"]
 
 
 def test_a_thousand_rooms_come_and_go_and_nothing_grows() -> None:

@@ -110,6 +110,7 @@ class SnapshotMaker:
         self._software = software
         self._times = {room.name: (Times(), Times()) for room in rooms}
         self._least: dict[str, tuple[Number, Number]] = {room.name: (None, None) for room in rooms}
+        self._called: dict[str, str] = {}  # what each room was called in the last snapshot
         self._next = 0
         self._deserted: dict[str, tuple[int, RoomSnapshot]] = {}  # the last of a room, and its step then
 
@@ -127,7 +128,12 @@ class SnapshotMaker:
         counts: Counter[str] = Counter()
         for some in dropped:
             counts.update(some)
-        rooms = tuple([self._resting(room) if room.deserted else self._room(room) for room in self._rooms])
+        there = [room for room in self._rooms if room.is_open]
+        for room in there:
+            if self._called.get(room.name) != room.called:  # a room on demand that was opened since
+                self._called[room.name], self._least[room.name] = room.called, (None, None)
+                self._deserted.pop(room.name, None)
+        rooms = tuple([self._resting(room) if room.deserted else self._room(room) for room in there])
         received, sent = datagrams or (None, None)
         return Snapshot(
             self._software, uptime_s, rooms, dict(counts), received, sent, dict(failed or {}), dict(degraded or {})
@@ -161,7 +167,7 @@ class SnapshotMaker:
         left = tuple([body.what for body in there])
         occupied = add_integers(seat.seated for seat in seats)
         return RoomSnapshot(
-            name, occupied, tuple(seats), room.world.motion()[: room.world.axes], room.travel_m,
+            room.called, occupied, tuple(seats), room.world.motion()[: room.world.axes], room.travel_m,
             ticks.run, ticks.skipped, late, work, len(room.observer_slots.observers), up_j, line_j,
             room.unstable, left,
         )  # fmt: skip

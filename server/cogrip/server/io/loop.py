@@ -256,7 +256,7 @@ class LiveServer:
         for each in self._asleep.values():
             if room not in ("", each.room.called):
                 continue
-            if steps:
+            if steps and each.room.is_open:
                 each.count_passed(self.core, now_ns)
             else:
                 each.pass_by(now_ns)
