@@ -106,3 +106,27 @@ def test_everybody_is_back_soon_after_a_restart(run, tmp_path: Path, workers: in
     server.signal(signal.SIGINT)
     server.end()
     assert not list(state.glob("checkpoint-*")), "an end in order leaves none"
+
+
+def test_seats_that_the_next_program_cannot_take_are_not_kept_waiting(
+    run, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """An upgrade under a running server has another form of checkpoints: people are told at once, and no hand waits for it."""
+    site, state = tmp_path / "site", tmp_path / "state"
+    site.mkdir()
+    monkeypatch.setenv("PYTHONPATH", str(site))
+    server = run(
+        "serve", DEMO, "--port", "0", "--state", state, "--runs", tmp_path / "runs", "--no-report", "--no-record",
+        "--seconds", "600", "--hand-over", str(WAIT_S),
+    )  # fmt: skip
+    port = server.hear(r"listening on \S+:(\d+)")[1]
+    person = run("join", f"127.0.0.1:{port}", "--name", "anna", "--no-report", "--into", tmp_path / "anna")
+    server.hear("anna joined")
+    (site / "sitecustomize.py").write_text("import cogrip.server.checkpoint\ncogrip.server.checkpoint.VERSION = 99\n")
+    server.signal(signal.SIGTERM)
+    server.hear("no seat is handed over: cogrip .*, which is installed now, has checkpoint 99, not 1")
+    person.hear("which is installed now, has checkpoint 99, not 1; join anew")
+    assert "the server restarts" not in person.said
+    assert person.end() == 1, person.said
+    server.end()
+    assert not list(state.glob("checkpoint-*")), "nobody goes on from there"

@@ -29,6 +29,7 @@ from cogrip.server.admission.admission import AdmissionServices, AdmitAll, Authe
 from cogrip.server.events import UNAUTHENTICATED_EVENTS, ServerEvent
 from cogrip.server.io.call_limit import call_limit
 from cogrip.server.io.datagram_path import DatagramPath
+from cogrip.server.io.next_server import NextServer
 from cogrip.server.io.paced_room import PacedRoom, deserted_among, next_due_ns, step_due, take_due
 from cogrip.server.io.udp_socket import DatagramSocket, ServerChannel, UdpRange, UdpSocket
 from cogrip.server.rate_limit import Buckets, Budget
@@ -55,6 +56,7 @@ class LiveServer:
 
     open_channel  returns the channel to the clients of a core
     floor_bytes   what a recording leaves free on its disk
+    ask_next      asks the program that is installed whether the next server can take the seats over, before they are let go
     hand_over_s   how long people wait for the next server, once SIGTERM has ended this one; None: it ends their sessions
     chores        called between ticks with the time [ns]
     events        of chores, reported as those of the core are
@@ -70,6 +72,7 @@ class LiveServer:
     floor_bytes: int = FLOOR_BYTES
     seconds: float | None = None
     hand_over_s: float | None = None
+    ask_next: Callable[[], NextServer] = NextServer
     authenticator: Authenticator = field(default_factory=AdmitAll)
     chores: list[Chore] = field(default_factory=list)
     events: deque[ServerEvent] = field(default_factory=deque)
@@ -78,6 +81,8 @@ class LiveServer:
     channel: ServerChannel = field(init=False)
     pacers: dict[str, Pacer] = field(init=False, default_factory=dict)
     recorder: Recorder | None = field(init=False, default=None)
+    _next: NextServer | None = field(init=False, default=None)
+    _misfit: str = field(init=False, default="")
     _socket: DatagramSocket = field(init=False)
     _start_ns: int = field(init=False, default=0)
     _overran: int = field(init=False, default=0)
@@ -196,7 +201,7 @@ class LiveServer:
         awake = self._awake = [PacedRoom(room, pacers[room.name]) for room in core.rooms]
         quiet_ns = min(NS_PER_S // pacer.rate_hz for pacer in pacers.values())  # between looks where all are
         now_ns, early_ns = self._start_ns, 0
-        while not self.stop.reason:
+        while not (self.stop.reason and self._may_end()):
             if end_ns is not None and clock() >= end_ns:
                 self.stop.reason = f"stopped ({SECONDS_OVER})"
             due_ns = next_due_ns(awake) if awake else now_ns + quiet_ns
@@ -214,6 +219,17 @@ class LiveServer:
             path.flush()
             for chore in self.chores:
                 chore(now_ns)
+
+    def _may_end(self) -> bool:
+        """Return whether a server that was stopped may end: one that hands its seats over knows first that they can go on."""
+        if not self.hands_over:
+            return True
+        self._next = self._next or self.ask_next()
+        misfit = self._next.misfit()
+        if misfit:
+            self.hand_over_s, self._misfit = None, misfit
+            self.say(ServerEvent("trouble", f"no seat is handed over: {misfit}"))
+        return misfit is not None
 
     def _wait(self, due_ns: int, early_ns: int) -> tuple[int, int]:
         """Wait for the step that is due. Returns now, and how long datagrams were received ahead of it.
@@ -299,7 +315,8 @@ class LiveServer:
         if self.hands_over and self.hand_over_s is not None:
             self._announce_restart(self.hand_over_s)
             return
-        self.core.handle(inputs.Stop(f"the server was {self.stop.reason}"), time.monotonic_ns())
+        why = f": {self._misfit}; join anew" if self._misfit else ""
+        self.core.handle(inputs.Stop(f"the server was {self.stop.reason}{why}"), time.monotonic_ns())
         self._path.send()
         until_ns = time.monotonic_ns() + LINGER_NS
         while (now_ns := time.monotonic_ns()) < until_ns and self.core.awaits_accounts:
