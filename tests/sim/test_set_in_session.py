@@ -1,5 +1,6 @@
 """Line, spring and object changed while a session runs: what is felt, energy, steps of force, replay, restart, refusals."""
 
+from dataclasses import replace
 from math import hypot
 from pathlib import Path
 from typing import Any
@@ -12,7 +13,9 @@ from cogrip.protocol.settings.room import resolve
 from cogrip.protocol.settings.settable import RoomChange, room_change
 from cogrip.protocol.wire.accounts import ClientAccount
 from cogrip.results.reading.records import open_run
+from cogrip.results.reading.traces import load_run
 from cogrip.results.replay.verify import verify
+from cogrip.results.report.page import render
 from cogrip.results.verdict.verdict import judgements
 from cogrip.results.writing.laboratory_run import run_laboratory
 from cogrip.results.writing.summary import of_laboratory
@@ -243,3 +246,25 @@ def test_an_object_changes_where_its_world_alone_has_it(kind: str, coupling: str
     run_frames(laboratory, 256)
     assert (laboratory.room.world.mass_kg == 0.5) is bool(can)
     assert hypot(*laboratory.room.world.velocity) < 1.0
+
+
+def test_a_report_lists_what_was_set_and_when(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    run = Laboratory.run
+
+    def with_changes(laboratory: Laboratory, *given: Any, **named: Any) -> None:
+        def change(_: Laboratory) -> None:
+            if laboratory._frame == 64:
+                set_of(laboratory, "anna", "stiffness_npm=900")
+
+        run(laboratory, each_frame=change)
+
+    monkeypatch.setattr(Laboratory, "run", with_changes)
+    run_laboratory(resolve(two() | {"seconds": 1.0}), tmp_path)
+    traced = load_run(tmp_path)
+    ((time_s, text),) = traced.markers
+    assert (time_s, text) == (pytest.approx(0.5, abs=0.01), "set anna stiffness_npm=900")
+    page = render(traced, [])
+    assert "<h2>Markers, and what was set</h2>" in page
+    assert "0.50" in page
+    assert "set anna stiffness_npm=900" in page
+    assert "Markers" not in render(replace(traced, markers=()), [])

@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 from cogrip.machine.addition import add_integers
 from cogrip.protocol.drawing import Shape
 from cogrip.protocol.recording.reader import Damage, RecordingError
-from cogrip.protocol.texts import all_shown
+from cogrip.protocol.texts import all_shown, shown
 from cogrip.results.reading.folder import (
     SERVER_RECORDING,
     SETTINGS,
@@ -99,6 +99,7 @@ class TracedRun:
 
     versions: of the software that ran it, as its recordings have them; several with whose they are.
     bodies: poses of a scene's bodies that move, as `poses`, seven numbers a body; shapes: what they are drawn of.
+    markers: time [s] and text of each, changes in the session among them.
     """
 
     folder: Path
@@ -111,6 +112,7 @@ class TracedRun:
     versions: tuple[str, ...] = ()
     bodies: EndTrace | None = None
     shapes: tuple[Shape, ...] = ()
+    markers: tuple[tuple[float, str], ...] = ()
 
 
 def load_run(folder: Path) -> TracedRun:
@@ -121,6 +123,7 @@ def load_run(folder: Path) -> TracedRun:
     room: EndTrace | None = None
     versions: tuple[str, ...] = ()
     bodies: tuple[EndTrace | None, tuple[Shape, ...]] = None, ()
+    markers: tuple[tuple[float, str], ...] = ()
     try:
         records = open_run(folder)
     except (FileNotFoundError, RecordingError) as error:
@@ -139,6 +142,7 @@ def load_run(folder: Path) -> TracedRun:
         room = _try(records, records.server, notes) if records.server else None
         if room is not None and records.server:
             bodies = _bodies(records.server, records.room())
+        markers = _markers(records)
     names = _names(summary, settings, clients.values())
     if room is None and not (folder / SERVER_RECORDING).exists():
         notes.append(f"{SERVER_RECORDING} is not here: no proxies, and no line up, in the plots.")
@@ -151,7 +155,7 @@ def load_run(folder: Path) -> TracedRun:
     notes += [
         f"{name}: {line.removeprefix(f'{name}: ')}" for name in names for line in told_in_log(folder / client_log(name))
     ]
-    return TracedRun(folder, summary, settings, names, clients, room, tuple(notes), versions, *bodies)
+    return TracedRun(folder, summary, settings, names, clients, room, tuple(notes), versions, *bodies, markers)
 
 
 def _try(records: RunRecords, end: End, notes: list[str]) -> EndTrace | None:
@@ -179,6 +183,13 @@ def _bodies(server: End, room: str) -> tuple[EndTrace | None, tuple[Shape, ...]]
     except (RecordingError, KeyError, ValueError, IndexError):  # of another version: the other plots are drawn
         return None, ()
     return trace if trace.rows else None, shapes
+
+
+def _markers(records: RunRecords) -> tuple[tuple[float, str], ...]:
+    try:
+        return tuple([(time_s, shown(text)) for time_s, text in records.markers()])
+    except (RecordingError, KeyError, ValueError, IndexError):  # of another version, or damaged there
+        return ()
 
 
 def _versions(records: RunRecords) -> tuple[str, ...]:

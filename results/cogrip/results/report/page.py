@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, NamedTuple
 from cogrip.results.reading.folder import write_whole
 from cogrip.results.reading.summary_values import number, object_of, traits_of
 from cogrip.results.reading.traces import MOST_PEOPLE, TracedRun, load_run
-from cogrip.results.report.tables import dropped_table, people_table, room_table, settings_tables
+from cogrip.results.report.tables import dropped_table, markers_table, people_table, room_table, settings_tables
 from cogrip.results.verdict.judgement import Tone
 from cogrip.results.verdict.verdict_text import verdict
 
@@ -108,6 +108,7 @@ def render(run: TracedRun, pictures: list[Picture]) -> str:
         people=people_table(summary),
         room=room_table(summary),
         pictures=pictures,
+        markers=markers_table(run.markers),
         dropped=dropped_table(summary),
         settings=settings_tables(run.settings),
     )

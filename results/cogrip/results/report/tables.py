@@ -30,6 +30,7 @@ Show = Callable[[dict[str, Any]], str]
 NOT_MEASURED, DOES_NOT_APPLY, NONE = "not measured", "does not apply", "none"
 _TEXT = "text"  # class of a cell that is wrapped
 _CHANGED = "changed"
+MOST_MARKERS = 100  # most markers that a report lists
 
 
 class Cell(NamedTuple):
@@ -306,6 +307,14 @@ def dropped_table(summary: Summary) -> ReportTable | str:
         return "What was dropped is not known."
     rows = [row(str(reason), [number(count, digits=0)]) for reason, count in dropped.items() if count]
     return ReportTable([], rows) if rows else "No datagram was dropped."
+
+
+def markers_table(markers: Sequence[tuple[float, str]]) -> ReportTable | str:
+    """Return the markers of a run, what was set in it among them; "" where there are none."""
+    rows = [row(f"{time_s:.2f}", [text], "s", "prose") for time_s, text in markers[:MOST_MARKERS]]
+    if (more := len(markers) - MOST_MARKERS) > 0:
+        rows.append(row("", [f"and {more} more, which an export has"]))
+    return ReportTable([], rows) if rows else ""
 
 
 def settings_tables(settings: dict[str, Any]) -> SettingsTables | str:
