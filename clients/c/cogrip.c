@@ -50,6 +50,7 @@ enum {
     MOST_AGE = 65535,
     LEAST_DEVICE_HZ = 250,
     HELLO_BYTES = 1024,
+    MOST_TOKEN = 640,
     LEAVE_TEXT_BYTES = 150,
     MOST_ABSENT_S = 10,     /* of a loop, after which its session is over */
     MOST_PARTNERS = 7,      /* of a hand [3.23] */
@@ -2306,7 +2307,7 @@ typedef struct coupling {
 struct cogrip_client {
     /* Session [4] */
     cogrip_config config;
-    char asked_room[161], asked_name[161], token[33], device[201], software[41];
+    char asked_room[161], asked_name[161], token[MOST_TOKEN + 1], device[201], software[41];
     cogrip_state state;
     int64_t since_ns, next_ns, last_received_ns, fresh_ns, newest_sent_ns;
     int64_t hand_session, hand_changes, hand_reports; /* changes taken, and reports made, in this session [3.17] */
@@ -2415,7 +2416,7 @@ static void write_hello(const cogrip_client *client, message *into) {
     put_real(&to, least(config->peak_force_n, NO_BOUND));
     put_real(&to, least(config->speed_mps, NO_BOUND));
     put_text(&to, "player", 6);
-    put_text(&to, client->token, 32);
+    put_text(&to, client->token, MOST_TOKEN);
     put_text(&to, again ? seat->ticket : "", 32);
     put_real(&to, 0.0);
     put_real(&to, 0.0);
@@ -3812,7 +3813,7 @@ cogrip_client *cogrip_init(void *memory, size_t bytes, const cogrip_config *conf
     else if (!text_fits(config->room, 40) || !text_fits(config->name, 40) || !text_fits(config->device, 200)
         || !text_fits(config->software, 40))
         wrong = "room, name, software: 40 bytes of UTF-8 at most, device: 200";
-    else if (!text_fits(config->token, 32)) wrong = "token: 32 characters at most";
+    else if (!text_fits(config->token, MOST_TOKEN)) wrong = "token: 640 characters at most";
     say(error, error_bytes, wrong ? wrong : "");
     if (wrong) return NULL;
     memset(client, 0, sizeof *client);
@@ -4032,7 +4033,7 @@ static const char *split_place(char *text, const char *zone_mark, cogrip_target 
 
 static const char *parse_link(char *text, cogrip_target *target) {
     char *room, *secret = strchr(text, '#'), *token;
-    size_t length = 0;
+    size_t length = 0, dots = 0;
     for (const char *at = text; *at; at++)
         if ((unsigned char)*at <= ' ') return "join link: there is a blank or a line break in it; a blank in a room is %20";
     if (!secret || !secret[1]) return "join link: the part after # is missing: copy the whole of it";
@@ -4046,11 +4047,16 @@ static const char *parse_link(char *text, cogrip_target *target) {
         target->fingerprint[length] = (char)(*at >= 'A' && *at <= 'F' ? *at - 'A' + 'a' : *at);
     }
     if (length != 64) return "join link: the fingerprint must have 64 hexadecimal digits";
-    if (strlen(token) != 22) return "join link: the token must have 22 letters, digits, - and _";
-    for (const char *at = token; *at; at++)
-        if (!is_letter((unsigned char)*at) && *at != '-' && *at != '_')
-            return "join link: the token must have 22 letters, digits, - and _";
-    memcpy(target->token, token, 23);
+    for (const char *at = token; *at; at++) {
+        if (*at == '.') dots++;
+        else if (!is_letter((unsigned char)*at) && *at != '-' && *at != '_')
+            return "join link: the token must have letters, digits, - and _";
+        if (*at == '.' && (at == token || at[1] == '.' || !at[1])) dots = 3; /* an empty part */
+    }
+    if (!dots && strlen(token) != 22) return "join link: the token must have 22 letters, digits, - and _";
+    if (dots && (dots != 2 || strlen(token) > MOST_TOKEN))
+        return "join link: a signed token must have three parts, and at most 640 characters";
+    copy_text(target->token, sizeof target->token, token);
     room = strchr(text, '/');
     if (room) {
         *room++ = '\0';

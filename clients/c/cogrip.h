@@ -143,7 +143,7 @@ COGRIP_API const char *cogrip_count_name(int which);
 /* ---- Join links (SPEC.md 12) ----------------------------------------------------------------- */
 
 typedef struct cogrip_target {
-    char host[300], room[41], token[33], fingerprint[65]; /* fingerprint "": unencrypted */
+    char host[300], room[41], token[641], fingerprint[65]; /* fingerprint "": unencrypted */
     int port;
 } cogrip_target;
 

@@ -85,7 +85,7 @@ int main(int count, char **arguments) {
     const double seconds = count > 2 ? strtod(arguments[2], NULL) : 10.0;
     cogrip_config config = {0};
     cogrip_status status;
-    char error[256], target[1200];
+    char error[256], target[1300];
     double position_m[COGRIP_AXES] = {0.0}, velocity_mps[COGRIP_AXES] = {0.0}, force_n[COGRIP_AXES] = {0.0};
 
     if (count < 2 || count > 4 || !(seconds > 0.0)) {

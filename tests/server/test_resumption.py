@@ -74,7 +74,7 @@ def test_a_hello_while_tokens_are_read_is_not_answered_and_comes_again(desk: Gua
     desk.authenticator.reads = True
     asked = messages.padded(hello(token="p"))
     assert desk.say(asked, "x") == []
-    assert desk.core.dropped == {"hello while tokens are read": 1}
+    assert desk.core.dropped == {"hello not judged yet": 1}
     assert desk.authenticator.used == []
     desk.authenticator.reads = False
     (welcome,) = desk.say(asked, "x")

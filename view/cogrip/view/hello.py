@@ -5,6 +5,7 @@ from typing import Annotated
 import msgspec
 
 from cogrip.experiments.study.questions import MOST_TEXT
+from cogrip.protocol.wire.messages import MOST_TOKEN
 
 MOST_CHUNK = 2**20
 MOST_NUMBER = 2**31 - 1
@@ -13,7 +14,7 @@ MOST_NUMBER = 2**31 - 1
 class PageHello(msgspec.Struct, frozen=True, tag_field="type", tag="hello", forbid_unknown_fields=True):
     """hand: ask for a device to move, where there is one."""
 
-    token: Annotated[str, msgspec.Meta(max_length=64)]
+    token: Annotated[str, msgspec.Meta(max_length=MOST_TOKEN)]
     hand: bool = False
 
 

@@ -135,8 +135,12 @@ class RoomServer:
         run_folder = live_run_folder(Path(job.runs), f"{self._room.name}-{number}", lines.say)
         job = msgspec.structs.replace(job, runs=str(run_folder or ""))
         server = LiveServer([self._room], job.host, 0, self._stop, lines.say, lambda core: channel_of(core, folder))
-        authenticator = TokenAuthenticator(TokenFile(folder), lines.say, watch=True) if folder else None
-        if authenticator is not None:
+        authenticator: TokenAuthenticator | None = None
+        if folder is not None:
+            from cogrip.protocol.io.certificate import load  # OpenSSL takes a while
+
+            fingerprint = load(folder.shared).fingerprint
+            authenticator = TokenAuthenticator(TokenFile(folder), lines.say, watch=True, fingerprint=fingerprint)
             server.authenticator = authenticator
         try:
             port = server.listen(job.ports)[1]

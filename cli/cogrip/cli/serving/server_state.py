@@ -84,8 +84,12 @@ def shared_folder(folder: StateFolder | None, shared: Path | None, encrypted: bo
 
 def authenticator_of(folder: StateFolder | None, say: Say) -> TokenAuthenticator | None:
     """Return the authenticator by the folder's tokens, None without a folder. Raises BadInput."""
-    with BadInput.of(StateError):
-        return None if folder is None else TokenAuthenticator(TokenFile(folder), say)
+    if folder is None:
+        return None
+    from cogrip.protocol.io.certificate import CertificateError, load  # OpenSSL takes a while
+
+    with BadInput.of(StateError, CertificateError):
+        return TokenAuthenticator(TokenFile(folder), say, fingerprint=load(folder.shared).fingerprint)
 
 
 def channel_of(core: ServerCore, folder: StateFolder | None) -> ServerChannel:

@@ -11,19 +11,22 @@ from urllib.parse import quote, unquote
 import msgspec
 
 from cogrip.protocol.settings.types import NAME_PATTERN
+from cogrip.protocol.wire.messages import MOST_TOKEN
 
 SCHEME = "cogrip:"
 DEFAULT_PORT = 47800
 FINGERPRINT_DIGITS = 64  # hexadecimal digits of a fingerprint: SHA-256 of the certificate's DER
-TOKEN_CHARACTERS = 22  # characters of a token: 128 bits in base64url
+TOKEN_CHARACTERS = 22  # characters of a token that the server made: 128 bits in base64url
 SHAPE = "cogrip://HOST:PORT/ROOM#FINGERPRINT.TOKEN"
-_MOST_CHARACTERS = 1000
+_MOST_CHARACTERS = 1200
 _MOST_SHOWN = 60
 _ROOM_CHARACTERS = 40  # most characters of a room's name, as in `settings.Name`
 _HOST = re.compile(r"[A-Za-z0-9_][A-Za-z0-9_.-]{0,252}\Z")
 _FINGERPRINT = re.compile(rf"[0-9a-f]{{{FINGERPRINT_DIGITS}}}\Z")
 _TOKEN = re.compile(rf"[A-Za-z0-9_-]{{{TOKEN_CHARACTERS}}}\Z")
+_SIGNED = re.compile(r"[A-Za-z0-9_-]+\.[A-Za-z0-9_-]+\.[A-Za-z0-9_-]+\Z")  # a JSON Web Token in its compact form
 _LONG_HEX = re.compile(r"[0-9a-fA-F]{40}")  # hexadecimal digits so many that no host has them in its name
+_JOSE = "eyJ"  # beginning of a JSON object in base64url
 _WRAPPING = " \t\r\n\v\f\u00a0\ufeff'\"`<>‘’‚“”„«»"
 _COMMAND = re.compile(r"cogrip\s+join\s+", re.IGNORECASE)
 
@@ -52,8 +55,13 @@ class JoinLink(msgspec.Struct, frozen=True):
             )
         if not _FINGERPRINT.match(self.fingerprint):
             raise LinkError(_cut("fingerprint", self.fingerprint, f"{FINGERPRINT_DIGITS} hexadecimal digits"))
-        if not _TOKEN.match(self.token):
-            raise LinkError(_cut("token", self.token, f"{TOKEN_CHARACTERS} letters, digits, - and _"))
+        if not is_token(self.token):
+            if "." not in self.token:
+                raise LinkError(_cut("token", self.token, f"{TOKEN_CHARACTERS} letters, digits, - and _"))
+            raise LinkError(
+                f"join link: the signed token has {len(self.token)} characters, and must have three parts of letters, digits, "
+                f"- and _, at most {MOST_TOKEN} characters with the dots; copy the whole link, and quote it: '...'"
+            )
 
     @property
     def text(self) -> str:
@@ -82,12 +90,18 @@ def is_secret(text: str) -> bool:
     """Return whether `text`, no link, may hold a token or a fingerprint: then it is not to be shown or resolved."""
     last = text.rpartition(".")[2]
     mixed = any(each.islower() for each in last) and any(each.isupper() for each in last)
-    return bool(_LONG_HEX.search(text) or (_TOKEN.match(last) and ("." in text or mixed)))
+    signed = _SIGNED.search(text) and _JOSE in text  # a place has no such word in it
+    return bool(_LONG_HEX.search(text) or signed or (_TOKEN.match(last) and ("." in text or mixed)))
 
 
 def is_token(text: str) -> bool:
-    """Return whether `text` has the form of a token."""
-    return bool(_TOKEN.match(text))
+    """Return whether `text` has the form of a token: one that a server made, or a signed one."""
+    return bool(_TOKEN.match(text)) or is_signed(text)
+
+
+def is_signed(text: str) -> bool:
+    """Return whether `text` has the form of a signed token."""
+    return len(text) <= MOST_TOKEN and bool(_SIGNED.match(text))
 
 
 def unwrapped(text: str) -> str:

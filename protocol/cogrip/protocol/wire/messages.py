@@ -65,6 +65,10 @@ Text = Annotated[str, msgspec.Meta(max_length=TEXT_BYTES)]
 ShortText = Annotated[str, msgspec.Meta(max_length=SHORT)]
 Secret = Annotated[str, msgspec.Meta(max_length=32, pattern=r"^[A-Za-z0-9_-]*\Z")]
 """Secret as text: 128 bits in base64url take 22 letters."""
+MOST_TOKEN = 640
+"""Most characters of a token that somebody has signed: beside names, a device's address and a ticket it fits one hello."""
+Token = Annotated[str, msgspec.Meta(max_length=MOST_TOKEN, pattern=r"^[A-Za-z0-9_.-]*\Z")]
+"""Right to join as text: a secret, or a signed token, whose three parts have dots between them."""
 Digest = Secret  # digest, in the letters of a secret, so that the longest welcome is no longer than a hello
 Role = Literal["player", "observer"]
 NO_BOUND = 1e6  # value on the wire that stands for a record's bound that is infinite
@@ -116,7 +120,7 @@ class Hello(Message, frozen=True, tag=1):
     device_force_n: Bound  # the record's peak force
     device_speed_mps: Bound  # the record's over-speed limit
     role: Role = "player"
-    token: Secret = ""  # right to join; "" none
+    token: Token = ""  # right to join; "" none
     ticket: Secret = ""  # right to resume a seat session, from its welcome; "" none
     device_torque_nm: Bound = 0.0  # the record's peak torque; 0 of a device that does not turn
     device_speed_radps: Bound = 0.0
@@ -494,7 +498,9 @@ def decode(datagram: bytes) -> AnyMessage:
 
 
 def padded(hello: Hello) -> bytes:
-    """Return a hello at its full length of HELLO_BYTES. The padding is always a bin 16: so every length is possible."""
+    """Return a hello at its full length: HELLO_BYTES, more with a long token. The padding is always a bin 16: so every length
+    is possible.
+    """
     bare = encode(msgspec.structs.replace(hello, padding=b""))[:-2]
-    length = HELLO_BYTES - len(bare) - 3
+    length = max(0, HELLO_BYTES - len(bare) - 3)
     return bare + b"\xc5" + length.to_bytes(2, "big") + bytes(length)

@@ -45,7 +45,7 @@ class Joining:
         elif not (hello.ticket and self._resumed(hello, address, now_ns)):
             grant = self._services.authenticator.admit(hello)
             if grant is None:
-                self._out.drop("hello while tokens are read")
+                self._out.drop("hello not judged yet")
             elif isinstance(grant, Denied):
                 self.refuse(hello.nonce, address, grant)
             elif grant.role == "observer" or hello.role == "observer":

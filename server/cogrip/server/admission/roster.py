@@ -38,6 +38,7 @@ class RosterEntry(msgspec.Struct, frozen=True, omit_defaults=True):
     gate_j: Number = None
     gave_j: Number = None
     got_j: Number = None
+    token: str = ""  # public id of the token by which the person came in
 
 
 def roster_of(rooms: "Iterable[Room]", now_ns: int) -> list[RosterEntry]:
@@ -67,7 +68,7 @@ def _entry(room: "Room", who: "Participant", now_ns: int, **other: Any) -> Roste
     place = "away" if who.address is None else place_text(who.address)
     since_s = round(max(0, now_ns - who.since_ns) * 1e-9, 1)
     up_ms, down_ms = _ms(who.clock.return_ns), _ms(who.clock.forward_ns)
-    return RosterEntry(who.name, room.called, place, since_s, up_ms=up_ms, down_ms=down_ms, **other)
+    return RosterEntry(who.name, room.called, place, since_s, up_ms=up_ms, down_ms=down_ms, token=who.token, **other)
 
 
 def _ms(value_ns: int | None) -> Number:

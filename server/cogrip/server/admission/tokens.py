@@ -1,4 +1,4 @@
-"""Access tokens, kept as hashes, and the book that admits a hello by them.
+"""Access tokens, kept as hashes, and the book that admits a hello by them; keys of signed tokens, and which of these are void.
 
 A book is a value: a change returns a new one. Dates are Unix seconds, handed in.
 """
@@ -7,24 +7,37 @@ import difflib
 import functools
 import hashlib
 import hmac
+import re
 from base64 import urlsafe_b64encode
 from collections.abc import Mapping, Sequence
 from datetime import UTC, datetime
 from typing import Annotated, Any, Literal, get_args
 
 import msgspec
+from msgspec.structs import replace
 
+from cogrip.machine.addition import add_integers
 from cogrip.protocol.wire.messages import DEVICE_BYTES, Role
 from cogrip.server.admission.admission import Denied, Grant
+from cogrip.server.admission.token_keys import MOST_KEYS, TokenKey
 
 VERSION: Literal[1] = 1
 MOST_TOKENS = 400  # most tokens of a room, and most of those for any room. The oldest void ones are dropped first
 MOST_IN_BOOK = 2000
+MOST_SPENT = 2000  # most signed tokens that are kept as used or revoked, until each has expired
+MOST_ONCE = 1800  # most of them before no one-time token is taken any more: the rest is for revocations
+SPENT_S = (
+    86_400 + 60
+)  # time for which a signed token stays revoked: by then it has expired (signed_tokens.MOST_LIFE_S, LEEWAY_S)
 READ_AT_ONCE = 64  # number of tokens that are decoded at once where a tick may be due: some 13 us each
 START_NOTE = "printed at start"
+_USED = "was used already: it is good for one time"
+_JTI = re.compile(r"[A-Za-z0-9_-]{10,40}\Z")
 _NAME_OR_ANY = r"^([A-Za-z0-9][A-Za-z0-9 ._-]*)?\Z"
 
 Id = Annotated[str, msgspec.Meta(pattern=r"^[0-9a-f]{8}\Z")]
+Jti = Annotated[str, msgspec.Meta(pattern=r"^[A-Za-z0-9_-]{10,40}\Z")]
+"""Public id of a signed token: longer than that of any stored one, so that no id is both."""
 Hash = Annotated[str, msgspec.Meta(pattern=r"^[0-9a-f]{64}\Z")]
 NameOrAny = Annotated[str, msgspec.Meta(max_length=40, pattern=_NAME_OR_ANY)]
 DeviceOrAny = Annotated[str, msgspec.Meta(max_length=DEVICE_BYTES, pattern=r"^[ -~]*\Z")]
@@ -74,6 +87,15 @@ class Token(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=Tru
         return "expired" if self.expired(now_s) else "good"
 
 
+class SpentToken(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
+    """Signed token that admits nobody any more."""
+
+    jti: Jti
+    until: UnixSeconds  # when it has expired anyway
+    used: ClockSeconds | None
+    revoked: ClockSeconds | None
+
+
 class StartLink(msgspec.Struct, frozen=True):
     """Standing token that the server prints when it starts."""
 
@@ -90,10 +112,16 @@ class StartLink(msgspec.Struct, frozen=True):
 
 
 class TokenBook(msgspec.Struct, frozen=True, forbid_unknown_fields=True, dict=True):
-    """All tokens of one server; see `encode_book` and `decode_book`."""
+    """All tokens of one server; see `encode_book` and `decode_book`.
+
+    keys   of signed tokens
+    spent  signed tokens that were used up or revoked, until they expire
+    """
 
     version: Literal[1] = VERSION
     tokens: tuple[Token, ...] = ()
+    keys: tuple[TokenKey, ...] = ()
+    spent: tuple[SpentToken, ...] = ()
 
     def new(
         self,
@@ -123,7 +151,7 @@ class TokenBook(msgspec.Struct, frozen=True, forbid_unknown_fields=True, dict=Tr
             made = msgspec.convert(msgspec.to_builtins(made), Token)
         except msgspec.ValidationError as error:
             raise TokenError(f"a token cannot be so: {_readable(error)}") from None
-        return TokenBook(tokens=(*self._room_for_one(room, now_s), made)), made
+        return replace(self, tokens=(*self._room_for_one(room, now_s), made)), made
 
     def find(self, ident: str) -> Token:
         """Return the token with this id. Raises UnknownTokenError, which names the nearest."""
@@ -137,13 +165,13 @@ class TokenBook(msgspec.Struct, frozen=True, forbid_unknown_fields=True, dict=Tr
     def revoke(self, ident: str, now_s: float) -> "TokenBook":
         """Return the book with this token revoked; an earlier date stays. Raises UnknownTokenError."""
         token = self.find(ident)
-        return self if token.revoked is not None else self._with(msgspec.structs.replace(token, revoked=int(now_s)))
+        return self if token.revoked is not None else self._with(replace(token, revoked=int(now_s)))
 
     def use(self, ident: str, now_s: float) -> "TokenBook":
         """Return the book after an admission by this token: a one-time token is used up. Raises UnknownTokenError."""
         token = self.find(ident)
         kept = not token.once or token.used is not None
-        return self if kept else self._with(msgspec.structs.replace(token, used=int(now_s)))
+        return self if kept else self._with(replace(token, used=int(now_s)))
 
     def admit(self, token: str, role: Role, room: str, now_s: float) -> Grant | Denied:
         """Answer a hello with this token; an observer's token admits observers only."""
@@ -153,11 +181,7 @@ class TokenBook(msgspec.Struct, frozen=True, forbid_unknown_fields=True, dict=Tr
             return Denied("token", f"{words}; ask for a new link")
         if reason := why_not(found, now_s):
             return Denied("token", f"this token {reason}; ask for a new link")
-        if found.room and room not in ("", found.room):
-            return Denied("room", f"this token is for room {found.room!r}, not {room!r}; use the link as it is")
-        if "observer" in (role, found.role):  # holds nothing, so that seat and device do not matter
-            return Grant("observer", found.id, found.room)
-        return Grant(role, found.id, found.room, found.user, found.device)
+        return granted(role, room, found.role, found.id, found.room, found.user, found.device)
 
     def shown(self, token: str, now_s: float) -> str | None:
         """Return the id of this token, used or not; None where it is unknown, revoked or expired."""
@@ -171,6 +195,68 @@ class TokenBook(msgspec.Struct, frozen=True, forbid_unknown_fields=True, dict=Tr
     def _known(self, token: str) -> Token | None:
         """Look a token up by its hash: the time that takes tells of hashes alone, whose tokens nobody can guess."""
         return self._by_hash.get(token_hash(token))
+
+    def key(self, kid: str) -> TokenKey | None:
+        """Return the key of signed tokens with this name, None for none."""
+        return next((key for key in self.keys if key.kid == kid), None)
+
+    def add_key(self, key: TokenKey) -> "TokenBook":
+        """Return the book with a key more. Raises TokenError."""
+        if self.key(key.kid) is not None:
+            raise TokenError(
+                f"there is a key {key.kid} already; give the new one another name, or remove that one first"
+            )
+        if len(self.keys) >= MOST_KEYS:
+            raise TokenError(f"there are {len(self.keys)} keys, and at most {MOST_KEYS} are kept; remove some first")
+        return replace(self, keys=(*self.keys, key))
+
+    def remove_key(self, kid: str) -> "TokenBook":
+        """Return the book without a key. Raises UnknownTokenError."""
+        if self.key(kid) is None:
+            there = ", ".join(key.kid for key in self.keys)
+            raise UnknownTokenError(f"there is no key {kid}; there is: {there or 'none'}")
+        return replace(self, keys=tuple(key for key in self.keys if key.kid != kid))
+
+    def spend(self, jti: str, what: Literal["use", "revoke"], until: float, now_s: float) -> "TokenBook":
+        """Return the book with a signed token used up or revoked; an earlier date stays. Raises TokenError if it is full.
+
+        until: when it has expired anyway; those of which that has come are forgotten
+        """
+        before, at_s = self.spent_of(jti), int(now_s)
+        used = before.used if before else None
+        revoked = before.revoked if before else None
+        if what == "use" and used is None:
+            used = at_s
+        elif what == "revoke" and revoked is None:
+            revoked = at_s
+        else:
+            return self
+        until = max(int(until) + 1, before.until if before else 0)
+        kept = tuple(each for each in self.spent if each.until > now_s and each.jti != jti)
+        if len(kept) >= MOST_SPENT:
+            raise TokenError(
+                f"{len(kept)} signed tokens are kept as used or revoked, and no more can be before one has expired; "
+                "remove the key that they are signed by (cogrip token keys remove)"
+            )
+        return replace(self, spent=(*kept, SpentToken(jti=jti, until=until, used=used, revoked=revoked)))
+
+    def spent_of(self, jti: str) -> SpentToken | None:
+        """Return what is kept of a signed token, None for nothing."""
+        return self._by_jti.get(jti)
+
+    def why_spent(self, jti: str, now_s: float, *, once: bool) -> str:
+        """Return why a signed token is void, "" if it is good. once: it is good for one time."""
+        spent = self.spent_of(jti)
+        if spent is not None and spent.revoked is not None:
+            return f"was revoked at {date_text(spent.revoked)}"
+        if spent is not None and spent.used is not None:
+            return _USED
+        full = once and len(self.spent) >= MOST_ONCE <= add_integers(each.until > now_s for each in self.spent)
+        return "is good for one time, and no more of those can be remembered here before others expire" if full else ""
+
+    @functools.cached_property
+    def _by_jti(self) -> dict[str, SpentToken]:
+        return {each.jti: each for each in self.spent}
 
     def standing(self, secret: bytes, rooms: Sequence[str], now_s: float) -> tuple["TokenBook", list[StartLink]]:
         """Return the book with the tokens that a start prints, one for each role and room, and these tokens.
@@ -199,7 +285,7 @@ class TokenBook(msgspec.Struct, frozen=True, forbid_unknown_fields=True, dict=Tr
             generation += 1
 
     def _with(self, changed: Token) -> "TokenBook":
-        return TokenBook(tokens=tuple(changed if token.id == changed.id else token for token in self.tokens))
+        return replace(self, tokens=tuple(changed if token.id == changed.id else token for token in self.tokens))
 
     def _room_for_one(self, room: str, now_s: float) -> tuple[Token, ...]:
         """Return the tokens, without the oldest void ones if there are too many; revoked start links stay void."""
@@ -218,13 +304,27 @@ class TokenBook(msgspec.Struct, frozen=True, forbid_unknown_fields=True, dict=Tr
         return tokens
 
 
+def granted(role: Role, asked: str, for_role: Role, ident: str, room: str, user: str, device: str) -> Grant | Denied:
+    """Return what a good token grants whoever asks as `role` for the room `asked`. for_role to device: what the token is for"""
+    if room and asked not in ("", room):
+        return Denied("room", f"this token is for room {room!r}, not {asked!r}; use the link as it is")
+    if "observer" in (role, for_role):  # holds nothing, so that seat and device do not matter
+        return Grant("observer", ident, room)
+    return Grant(role, ident, room, user, device)
+
+
+def is_jti(ident: str) -> bool:
+    """Return whether a public id is that of a signed token."""
+    return bool(_JTI.match(ident))
+
+
 def why_not(token: Token, now_s: float) -> str:
     """Return why a token is void, "" if it is good."""
     state = token.state(now_s)
     if state == "revoked":
         return f"was revoked at {date_text(token.revoked or 0)}"
     if state == "used":
-        return "was used already: it is good for one time"
+        return _USED
     return f"has expired, at {date_text(token.expires or 0)}" if state == "expired" else ""
 
 
@@ -253,9 +353,12 @@ class _Texts(msgspec.Struct, forbid_unknown_fields=True):
 
     version: Any = VERSION
     tokens: list[msgspec.Raw] = []
+    keys: Annotated[tuple[TokenKey, ...], msgspec.Meta(max_length=MOST_KEYS)] = ()
+    spent: list[msgspec.Raw] = []
 
 
 _token_of = msgspec.json.Decoder(Token).decode
+_spent_of = msgspec.json.Decoder(SpentToken).decode
 
 
 class BookReading:
@@ -264,12 +367,14 @@ class BookReading:
     known: tokens by their text, as an earlier reading has them in `texts`: those that are there again are not decoded again
     """
 
-    def __init__(self, data: bytes, known: Mapping[bytes, Token] | None = None) -> None:
+    def __init__(self, data: bytes, known: Mapping[bytes, Token | SpentToken] | None = None) -> None:
         try:
             version = msgspec.json.decode(data, type=_Versioned).version
             if version != VERSION or isinstance(version, bool):
                 raise TokenError(f"version = {repr(version)[:20]}, and this cogrip knows {VERSION}")
-            self._texts = [bytes(text) for text in msgspec.json.decode(data, type=_Texts).tokens]
+            read = msgspec.json.decode(data, type=_Texts)
+            self._texts = [bytes(text) for text in (*read.tokens, *read.spent)]
+            self._keys, self._tokens = read.keys, len(read.tokens)
         except (msgspec.DecodeError, UnicodeDecodeError, RecursionError) as error:
             raise TokenError(_readable(error)) from None
         known = known or {}
@@ -286,29 +391,41 @@ class BookReading:
         """Decode some tokens more."""
         for _ in range(min(most, self.left)):
             number = self._left.pop()
+            stored = number < self._tokens
+            place = f"tokens[{number}]" if stored else f"spent[{number - self._tokens}]"
             try:
-                token = _token_of(self._texts[number])
+                token = (_token_of if stored else _spent_of)(self._texts[number])
             except (msgspec.DecodeError, UnicodeDecodeError, RecursionError) as error:
-                raise TokenError(_readable(error, f"tokens[{number}]")) from None
-            if token.id != token.hash[:8]:
+                raise TokenError(_readable(error, place)) from None
+            if isinstance(token, Token) and token.id != token.hash[:8]:
                 raise TokenError(f"token {token.id}: its id is not the beginning of its hash")
             self.texts[self._texts[number]] = token
 
     def book(self) -> TokenBook:
         """Return the book, once nothing is left. Raises TokenError where a token stands twice."""
         seen: set[str] = set()
-        tokens = tuple(self.texts[text] for text in self._texts)
-        for token in tokens:
-            if token.id in seen:
-                raise TokenError(f"token {token.id} stands twice")
-            seen.add(token.id)
-        return TokenBook(tokens=tokens)
+        whole = [self.texts[text] for text in self._texts]
+        tokens = tuple(each for each in whole[: self._tokens] if isinstance(each, Token))
+        spent = tuple(each for each in whole[self._tokens :] if isinstance(each, SpentToken))
+        if len(tokens) + len(spent) < len(whole):
+            raise TokenError("a token stands where another kind of token must")
+        for name in (
+            *(each.id for each in tokens),
+            *(each.jti for each in spent),
+            *(f"key {key.kid}" for key in self._keys),
+        ):
+            if name in seen:
+                raise TokenError(f"token {name} stands twice")
+            seen.add(name)
+        return TokenBook(tokens=tokens, keys=self._keys, spent=spent)
 
 
 def encode_book(book: TokenBook) -> bytes:
-    """Return the book as JSON text, a token a line."""
-    lines = b",\n".join(map(msgspec.json.encode, book.tokens))
-    return b'{"version":%d,"tokens":[\n%b\n]}\n' % (book.version, lines)
+    """Return the book as JSON text, a token a line; keys and spent tokens where there are any."""
+    parts = [b'"%b":[\n%b\n]' % (name, b",\n".join(map(msgspec.json.encode, rows))) for name, rows in (
+        (b"tokens", book.tokens), (b"keys", book.keys), (b"spent", book.spent)
+    ) if rows or name == b"tokens"]  # fmt: skip
+    return b'{"version":%d,%b}\n' % (book.version, b",".join(parts))
 
 
 def decode_book(data: bytes) -> TokenBook:

@@ -17,7 +17,8 @@ from typing import Literal, NamedTuple
 from cogrip.machine.addition import add_integers
 from cogrip.protocol.wire.messages import Hello
 from cogrip.server.admission.admission import Denied, Grant
-from cogrip.server.admission.tokens import BookReading, TokenBook, UnknownTokenError
+from cogrip.server.admission.signed_tokens import SignedTokens
+from cogrip.server.admission.tokens import SPENT_S, BookReading, TokenBook, TokenError, is_jti
 from cogrip.server.events import ServerEvent
 from cogrip.server.io.state_folder import StateError
 from cogrip.server.io.token_file import Stamp, TokenFile
@@ -26,6 +27,7 @@ READING = "many tokens have changed, and are read between the ticks; then sessio
 CLOSE_LIMIT_S = 10.0
 WATCH_S = 0.5  # time between two looks at the file
 PAUSE_S = 0.001  # pause of a reading thread between two slices: one that only computes keeps the interpreter for 5 ms
+TOO_MANY = "signed tokens come faster than signatures are checked; hellos with others are not answered, and come again"
 AGAIN_S = 5.0  # time after which what could not be written is tried again
 
 
@@ -35,13 +37,15 @@ class TokenChange(NamedTuple):
     what: Literal["use", "revoke"]
     id: str
     at_s: float
+    until_s: float = 0.0  # when a signed token has expired anyway
 
     def on(self, book: TokenBook) -> TokenBook:
-        """Return the book with this change; unchanged where the token was removed."""
-        apply = book.use if self.what == "use" else book.revoke
+        """Return the book with this change; unchanged where the token was removed, or the book takes no more."""
         try:
-            return apply(self.id, self.at_s)
-        except UnknownTokenError:
+            if is_jti(self.id):
+                return book.spend(self.id, self.what, self.until_s, self.at_s)
+            return (book.use if self.what == "use" else book.revoke)(self.id, self.at_s)
+        except TokenError:
             return book
 
 
@@ -50,11 +54,12 @@ class TokenAuthenticator:
 
     say: reports troubles and reloads, in the thread that calls
     watch: read the file soon after another process has changed it; else at the next hello, or by `reload`
+    fingerprint: of this server, for which signed tokens have to be
     """
 
     def __init__(
         self, file: TokenFile, say: Callable[[ServerEvent], None], wall_s: Callable[[], float] = time.time,
-        watch: bool = False,
+        watch: bool = False, fingerprint: str = "", clock_ns: Callable[[], int] = time.monotonic_ns,
     ) -> None:  # fmt: skip
         self._file = file
         self._say = say
@@ -64,6 +69,7 @@ class TokenAuthenticator:
         self._reading: BookReading | None = None  # of the file as it was tried
         self._to_report = False  # the reading that goes on, to who asked for it
         self._book = file.load()
+        self._signed = SignedTokens(fingerprint, clock_ns)
         self._pending: list[TokenChange] = []  # not in the file yet
         self._reported: dict[str, set[str]] = {}  # ids, by what has ended them
         self._trouble = ""
@@ -76,21 +82,33 @@ class TokenAuthenticator:
         """See `Authenticator`. A file that cannot be read is reported once, and the last good book holds."""
         self._report_failures()
         self._read(forced=False)
-        return None if self._reading else self._book.admit(hello.token, hello.role, hello.room, self._wall_s())
+        if self._reading:
+            return None
+        if "." not in hello.token:
+            return self._book.admit(hello.token, hello.role, hello.room, self._wall_s())
+        verdict = self._signed.admit(hello.token, hello.role, hello.room, self._book, self._wall_s())
+        if verdict is None:
+            self._report(TOO_MANY)
+        return verdict
 
     def shown(self, hello: Hello) -> str | None:
         """See `Authenticator`."""
         self._report_failures()
         self._read(forced=False)
+        if "." in hello.token:
+            return self._signed.shown(hello.token, self._book, self._wall_s())
         return self._book.shown(hello.token, self._wall_s())
 
     def admitted(self, grant: Grant) -> None:
         """See `Authenticator`."""
-        self._apply(TokenChange("use", grant.token, self._wall_s()))
+        now_s = self._wall_s()
+        if not is_jti(grant.token) or self._signed.once(grant.token):
+            self._apply(TokenChange("use", grant.token, now_s, now_s + SPENT_S))
 
     def revoke(self, ident: str) -> None:
-        """Revoke a token. An unknown id is ignored."""
-        self._apply(TokenChange("revoke", ident, self._wall_s()))
+        """Revoke a token. An unknown id of a stored one is ignored."""
+        now_s = self._wall_s()
+        self._apply(TokenChange("revoke", ident, now_s, now_s + SPENT_S))
 
     def revoke_room(self, room: str) -> None:
         """Revoke all tokens that are for this room alone, those that were made a moment ago too."""
@@ -106,7 +124,9 @@ class TokenAuthenticator:
         if self._watch is not None and self._watch.changed:
             self._watch.changed = False
             self._read(forced=False)
-        return self._news("revoked", {token.id for token in self._book.tokens if token.revoked is not None})
+        stored = {token.id for token in self._book.tokens if token.revoked is not None}
+        signed = {each.jti for each in self._book.spent if each.revoked is not None}
+        return self._news("revoked", stored | signed | self._signed.void(self._book))
 
     def expired(self) -> set[str]:
         """Return the ids of tokens whose time has ended since the last call; of all at the first."""

@@ -6,7 +6,15 @@ from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from typing import TypeVar
 
-from cogrip.server.admission.tokens import READ_AT_ONCE, BookReading, Token, TokenBook, TokenError, encode_book
+from cogrip.server.admission.tokens import (
+    READ_AT_ONCE,
+    BookReading,
+    SpentToken,
+    Token,
+    TokenBook,
+    TokenError,
+    encode_book,
+)
 from cogrip.server.io.state_folder import StateError, StateFolder, locked, read_private, write_private
 
 LOCK_LIMIT_S = 5.0
@@ -26,7 +34,7 @@ class TokenFile:
     def __init__(self, folder: StateFolder) -> None:
         self._folder = folder
         self.path = folder.tokens
-        self._known: Mapping[bytes, Token] = {}  # by text, as they were last read
+        self._known: Mapping[bytes, Token | SpentToken] = {}  # by text, as they were last read
 
     def stamp(self) -> Stamp | None:
         """Return what differs once the file was replaced; None where there is none. Raises StateError."""

@@ -72,7 +72,7 @@ class ClusterFront(PublicSocket):
     def _redirect(self, hello: Hello, address: Address) -> None:
         verdict = self._authenticator.admit(hello)
         if verdict is None:
-            self.dropped["hello while tokens are read"] += 1
+            self.dropped["hello not judged yet"] += 1
             return
         if isinstance(verdict, Denied) and not hello.ticket:  # a ticket outlives its token; the room judges it
             room: str | Denied = verdict

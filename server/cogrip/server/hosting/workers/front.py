@@ -185,7 +185,7 @@ class Front(PublicSocket):
             return
         verdict = self._authenticator.admit(hello)
         if verdict is None:
-            self.dropped["hello while tokens are read"] += 1
+            self.dropped["hello not judged yet"] += 1
             return
         token = verdict.token if isinstance(verdict, Grant) else ""
         anew = by is None and address not in self._asking and not hello.ticket and hello.version == PROTOCOL_VERSION
