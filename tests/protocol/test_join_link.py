@@ -49,7 +49,7 @@ def test_there_and_back(link: JoinLink) -> None:
     [
         ("", "a join link begins with cogrip://"),
         ("cogrip:/a/b", "a join link begins with cogrip://"),
-        (LINK + "x" * 1000, "characters are more than 1000"),
+        (LINK + "x" * 1200, "characters are more than 1200"),
         (LINK[:30] + "\n" + LINK[30:], "paste it as one line"),
         (LINK.replace("demo", "room B"), "a blank in a room is %20"),
         (LINK.partition("#")[0], "the part after # is missing: put the link in quotes"),
@@ -64,7 +64,7 @@ def test_there_and_back(link: JoinLink) -> None:
         (LINK.replace("lab.example", "lab!"), "'lab!'"),
         (LINK.replace("lab.example", "-lab"), "'-lab'"),
         (LINK.replace("47801", "٣"), "number from 1 to 65535"),
-        (LINK.replace("47801", "1" * 5000), "characters are more than 1000"),
+        (LINK.replace("47801", "1" * 5000), "characters are more than 1200"),
         (LINK.replace("lab.example", "2001:db8::7"), "an IPv6 address stands in brackets"),
         (LINK.replace("lab.example:47801", "[2001:db8::7"), "[ADDRESS]:PORT"),
         (LINK.replace("lab.example", "[192.0.2.7]"), "brackets are for IPv6"),

@@ -247,10 +247,10 @@ def cases(kind: str, bound: str, old: Any) -> list[tuple[Any, bool]]:
     if kind == "text":
         low, _, high = bound.rpartition(" to ")
         return [("x" * int(high), True), ("x" * (int(high) + 1), False), ("", not low)]
-    if kind == "secret":
+    if kind in ("secret", "token"):
         most = int(bound)
-        letters = "azAZ09-_" + "x" * (most - 8)
-        wrong = ["x" * (most + 1), "x=", "x x", "x\n", "é", 7, b"x", None]
+        letters = ("azAZ09-_" if kind == "secret" else "a.AZ09-_") + "x" * (most - 8)
+        wrong = ["x" * (most + 1), "x=", *["x.x"] * (kind == "secret"), "x x", "x\n", "é", 7, b"x", None]
         return [(letters, True), ("", True), *((value, False) for value in wrong)]
     if kind == "bool":
         return [(True, True), (False, True), (1, False), (None, False)]

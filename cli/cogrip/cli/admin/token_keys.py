@@ -4,7 +4,6 @@ import time
 from pathlib import Path
 
 from cyclopts import App
-from rich.table import Table
 
 from cogrip.cli.admin.state_folder import Port, State, state_at
 from cogrip.cli.admin.token_revoke import notify_server
@@ -13,7 +12,7 @@ from cogrip.cli.terminal.output import Json, make_console, write_json
 from cogrip.cli.terminal.problem import BadInput, Problem
 from cogrip.cli.terminal.tables import columns_table
 from cogrip.protocol.wire.join_link import DEFAULT_PORT
-from cogrip.server.admission.token_keys import MOST_FILE_BYTES, KeyFileError, TokenKey, read_keys
+from cogrip.server.admission.token_keys import MOST_FILE_BYTES, KeyFileError, read_keys
 from cogrip.server.admission.tokens import TokenBook, TokenError, date_text
 from cogrip.server.io.state_folder import StateError
 from cogrip.server.io.token_file import TokenFile
@@ -71,23 +70,17 @@ def keys_list(*, state: State = None, port: Port = DEFAULT_PORT, json: Json = No
         there = TokenFile(folder).load().keys
     if json is not None:
         rows = [
-            dict(zip(("kid", "algorithm", "audience", "added_s"), _cells(key, as_text=False), strict=True))
+            {"kid": key.kid, "algorithm": key.algorithm, "audience": key.audience, "added_s": key.added}
             for key in there
         ]
         write_json({"folder": str(folder.path), "keys": rows}, json)
     elif there:
-        rows = [dict(zip(_HEADINGS, _cells(key), strict=True)) for key in there]
-        table: Table = columns_table(_HEADINGS, rows)
-        make_console().print(table)
+        cells = [(key.kid, key.algorithm, key.audience or "the fingerprint", date_text(key.added)) for key in there]
+        table = [dict(zip(_HEADINGS, row, strict=True)) for row in cells]
+        make_console().print(columns_table(_HEADINGS, table))
     else:
         make_console(stderr=True, soft_wrap=True).print(f"no keys in {folder.path}: it takes no signed tokens")
     return 0
-
-
-def _cells(key: TokenKey, *, as_text: bool = True) -> tuple[str | int, ...]:
-    if not as_text:
-        return key.kid, key.algorithm, key.audience, key.added
-    return key.kid, key.algorithm, key.audience or "the fingerprint", date_text(key.added)
 
 
 def keys_remove(*kids: str, state: State = None, port: Port = DEFAULT_PORT) -> int:

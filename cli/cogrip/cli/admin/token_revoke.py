@@ -34,14 +34,17 @@ def token_revoke(
     """
     if not ids:
         raise BadInput("token revoke: name at least one id, as `cogrip token list` shows them")
+    wanted = [_id(text) for text in ids]
     folder = state_at(state, port)
     now_s = time.time()
 
     def edit(book: TokenBook) -> tuple[TokenBook, dict[str, bool]]:
         """Return the new book, and whether each was revoked before."""
         before: dict[str, bool] = {}
-        for ident in dict.fromkeys(_id(text, book) for text in ids):
+        for ident in dict.fromkeys(wanted):
             if is_jti(ident):
+                if not book.keys or any(token_hash(ident) == token.hash for token in book.tokens):
+                    raise _no_id(ident)
                 changed = book.spend(ident, "revoke", now_s + SPENT_S, now_s)
             else:
                 changed = book.revoke(ident, now_s)
@@ -59,18 +62,21 @@ def token_revoke(
     return notify_server(folder, console, "revoked")
 
 
-def _id(text: str, book: TokenBook) -> str:
+def _id(text: str) -> str:
     """Return the id; a text that may be a token is not shown. Raises BadInput."""
-    if book.keys and is_jti(text) and not any(token_hash(text) == token.hash for token in book.tokens):
+    if is_jti(text):
         return text
     if not re.fullmatch(rf"[0-9a-fA-F]{{{ID_DIGITS}}}", text):
-        given = f"{len(text)} characters" if len(text) != ID_DIGITS else "other characters"
-        signed = ", and is no jti of a signed token, of 10 to 40 letters, digits, - and _" if book.keys else ""
-        raise BadInput(
-            f"token revoke: an id has {ID_DIGITS} hexadecimal digits, as `cogrip token list` shows it; what is given "
-            f"has {given}{signed}"
-        )
+        raise _no_id(text)
     return text.lower()
+
+
+def _no_id(text: str) -> BadInput:
+    given = f"{len(text)} characters" if len(text) != ID_DIGITS else "other characters"
+    return BadInput(
+        f"token revoke: an id has {ID_DIGITS} hexadecimal digits, as `cogrip token list` shows it; what is given has {given} "
+        "(a signed token's is its jti, of 10 to 40 letters, digits, - and _; a token is never its own id)"
+    )
 
 
 def notify_server(folder: StateFolder, console: Console, done: str) -> int:

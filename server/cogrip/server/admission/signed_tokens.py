@@ -12,12 +12,14 @@ from typing import Annotated
 import msgspec
 from cryptography.hazmat.primitives.asymmetric.ed25519 import Ed25519PublicKey
 from jwt import PyJWS
+from jwt.algorithms import OKPAlgorithm
 from jwt.exceptions import PyJWTError
 
 from cogrip.protocol.wire.messages import MOST_TOKEN, Role
 from cogrip.server.admission.admission import Denied, Grant
-from cogrip.server.admission.token_keys import KID_PATTERN, TokenKey, from_base64url
+from cogrip.server.admission.token_keys import KID_PATTERN, Algorithm, TokenKey, from_base64url
 from cogrip.server.admission.tokens import (
+    SPENT_S,
     DeviceOrAny,
     Jti,
     NameOrAny,
@@ -34,7 +36,10 @@ MOST_KNOWN = (
     4096  # most tokens that are remembered with their signatures checked; those of longest ago are forgotten first
 )
 _ALGORITHM = re.compile(r"[A-Za-z0-9-]{1,20}\Z")
+_NAMES: dict[Algorithm, tuple[str, ...]] = {"EdDSA": ("EdDSA", "Ed25519"), "HS256": ("HS256",)}
+"""What a header may call a key's algorithm: RFC 9864 names EdDSA by its curve."""
 _jws = PyJWS(algorithms=["EdDSA", "HS256"])
+_jws.register_algorithm("Ed25519", OKPAlgorithm())
 
 
 class SignedTokenError(ValueError):
@@ -93,12 +98,12 @@ def check_signature(token: str, book: TokenBook) -> Signed:
     if not re.match(KID_PATTERN, header.kid) or (key := book.key(header.kid)) is None:
         named = repr(header.kid) if re.match(KID_PATTERN, header.kid) else "of a name that no key has"
         raise SignedTokenError(f"is signed by a key that this server does not know ({named})")
-    if header.alg != key.algorithm:
+    if header.alg not in _NAMES[key.algorithm]:
         said = header.alg if _ALGORITHM.match(header.alg) else "something else"
         raise SignedTokenError(f"says that it is signed by {said}, and the key {key.kid!r} is for {key.algorithm}")
     public = Ed25519PublicKey.from_public_bytes(key.bytes) if key.algorithm == "EdDSA" else key.bytes
     try:
-        payload = _jws.decode(token, public, algorithms=[key.algorithm])
+        payload = _jws.decode(token, public, algorithms=[header.alg])
     except (PyJWTError, ValueError):
         raise SignedTokenError(f"has no signature by the key {key.kid!r}") from None
     try:
@@ -164,10 +169,15 @@ class SignedTokens:
         spent = book.spent_of(signed.claims.jti)
         return None if spent is not None and spent.revoked is not None else signed.claims.jti
 
-    def once(self, jti: str) -> bool:
-        """Return whether a token with this id is good for one time: also where none is remembered."""
-        of_it = [each.claims.once for each in self._known.values() if each.claims.jti == jti]
-        return any(of_it) or not of_it
+    def used_until(self, jti: str, now_s: float) -> float | None:
+        """Return until when a token that was used is to be known as used up; None where it is not good for one time.
+
+        One that is not remembered any more may be good for one time, and lasts as long as any.
+        """
+        claims = [each.claims for each in self._known.values() if each.claims.jti == jti]
+        if not claims:
+            return now_s + SPENT_S
+        return max((each.exp + LEEWAY_S for each in claims if each.once), default=None)
 
     def void(self, book: TokenBook) -> set[str]:
         """Return the ids of remembered tokens whose key has gone."""

@@ -102,8 +102,9 @@ class TokenAuthenticator:
     def admitted(self, grant: Grant) -> None:
         """See `Authenticator`."""
         now_s = self._wall_s()
-        if not is_jti(grant.token) or self._signed.once(grant.token):
-            self._apply(TokenChange("use", grant.token, now_s, now_s + SPENT_S))
+        until_s = self._signed.used_until(grant.token, now_s) if is_jti(grant.token) else 0.0
+        if until_s is not None:
+            self._apply(TokenChange("use", grant.token, now_s, until_s))
 
     def revoke(self, ident: str) -> None:
         """Revoke a token. An unknown id of a stored one is ignored."""
