@@ -10,11 +10,15 @@ import pytest
 from cogrip.protocol.wire.messages import MAGIC, PROTOCOL_VERSION, Hello
 from cogrip.server.admission import tokens
 from cogrip.server.admission.admission import Authenticator, Denied, Grant
-from cogrip.server.admission.tokens import READ_AT_ONCE, TokenBook
+from cogrip.server.admission.signed_tokens import LEEWAY_S
+from cogrip.server.admission.tokens import READ_AT_ONCE, SPENT_S, TokenBook
 from cogrip.server.events import EVENTS, ServerEvent
-from cogrip.server.io.authenticator import TokenAuthenticator
+from cogrip.server.io.authenticator import TOO_MANY, TokenAuthenticator
 from cogrip.server.io.state_folder import StateError, StateFolder, make_folder
 from cogrip.server.io.token_file import TokenFile, draw_token
+from cogrip.server.rate_limit import SIGNATURES
+
+from tests.server.signers import FINGERPRINT, JTI, Signer
 
 LIMIT_S = 20.0  # for what a thread is waited for
 NOW_S = 1_800_000_000.0
@@ -329,3 +333,103 @@ def test_a_book_that_is_broken_from_the_start_is_an_error(bench: Bench) -> None:
     bench.folder.tokens.chmod(0o600)
     with pytest.raises(StateError, match="cannot be read as tokens"):
         bench.authenticator()
+
+
+# --- signed tokens ----------------------------------------------------------------------------------------------------
+
+UNI = Signer()
+ANNA = Grant("player", JTI, "lab", "anna")
+
+
+class SignedBench(Bench):
+    """A bench whose server has one key; the clock of signatures does not move."""
+
+    def authenticator(self) -> TokenAuthenticator:
+        made = TokenAuthenticator(
+            self.file, self.said.append, lambda: self.now_s, fingerprint=FINGERPRINT, clock_ns=lambda: 0
+        )
+        return self._after.enter_context(closing(made))
+
+
+@pytest.fixture
+def signed(tmp_path) -> Iterator[SignedBench]:
+    with ExitStack() as after:
+        bench = SignedBench(make_folder(tmp_path / "state"), after)
+        bench.edit(lambda book: book.add_key(UNI.key()))
+        yield bench
+
+
+def test_a_key_that_was_added_is_known_at_the_next_hello_and_one_that_was_removed_ends_its_sessions(signed) -> None:
+    other = Signer("next", seed=2)
+    old, new = UNI.token(seat="anna"), other.token(jti="by-the-next-key")
+    authenticator = signed.authenticator()
+    assert authenticator.admit(hello(old)) == ANNA
+    assert isinstance(authenticator.admit(hello(new)), Denied)
+    signed.edit(lambda book: book.add_key(other.key()))
+    assert isinstance(authenticator.admit(hello(new)), Grant)
+    assert authenticator.revoked() == set()
+    signed.edit(lambda book: book.remove_key("uni"))
+    assert authenticator.reload()
+    assert authenticator.revoked() == {JTI}
+    assert authenticator.revoked() == set(), "told once"
+    assert isinstance(authenticator.admit(hello(old)), Denied)
+    assert authenticator.shown(hello(old)) is None
+    assert isinstance(authenticator.admit(hello(new)), Grant)
+
+
+def test_a_signed_token_is_revoked_in_the_file_or_by_a_kick_and_the_next_server_knows(signed) -> None:
+    first, second = UNI.token(), UNI.token(jti="another-one")
+    authenticator = signed.authenticator()
+    for token in (first, second):
+        assert isinstance(authenticator.admit(hello(token)), Grant)
+        assert authenticator.shown(hello(token))
+    signed.edit(lambda book: book.spend(JTI, "revoke", NOW_S + SPENT_S, NOW_S))
+    assert authenticator.admit(hello(first)) == REVOKED
+    assert authenticator.revoked() == {JTI}
+    authenticator.revoke("another-one")
+    assert authenticator.revoked() == {"another-one"}
+    authenticator.close()
+    after = signed.authenticator()
+    assert after.revoked() == {JTI, "another-one"}, "a restored seat may have been taken by it"
+    for token in (first, second):
+        assert after.admit(hello(token)) == REVOKED
+        assert after.shown(hello(token)) is None
+
+
+def test_a_signed_token_for_one_time_is_used_up_by_the_place_it_gave(signed) -> None:
+    token = UNI.token(once=True, seat="anna")
+    authenticator = signed.authenticator()
+    for _ in range(2):
+        assert authenticator.admit(hello(token)) == ANNA, "asking uses nothing up"
+    authenticator.admitted(ANNA)
+    assert authenticator.admit(hello(token)) == USED
+    assert authenticator.shown(hello(token)) == JTI
+    authenticator.close()
+    assert signed.file.load().spent[0].used == NOW_S
+    assert signed.authenticator().admit(hello(token)) == USED, "the next server knows too"
+
+
+def test_a_standing_signed_token_writes_nothing_and_its_end_ends_the_right_to_resume(signed) -> None:
+    token = UNI.token()
+    authenticator, stamp = signed.authenticator(), signed.file.stamp()
+    grant = authenticator.admit(hello(token))
+    assert isinstance(grant, Grant)
+    authenticator.admitted(grant)
+    signed.now_s = NOW_S + 600 + LEEWAY_S - 1
+    assert authenticator.shown(hello(token)) == JTI
+    signed.now_s += 1
+    assert authenticator.shown(hello(token)) is None
+    assert isinstance(authenticator.admit(hello(token)), Denied)
+    authenticator.close()
+    assert signed.file.stamp() == stamp
+
+
+def test_a_flood_of_signatures_is_said_once_and_its_hellos_come_again(signed) -> None:
+    authenticator = signed.authenticator()
+    stranger = Signer(seed=9)
+    answers = [
+        authenticator.admit(hello(stranger.token(jti=f"wrong-token-{number}")))
+        for number in range(SIGNATURES.burst + 5)
+    ]
+    assert answers[-6:].count(None) == 5
+    assert [each.text for each in signed.said] == [TOO_MANY]

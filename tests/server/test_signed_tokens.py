@@ -223,13 +223,17 @@ def test_the_longest_token_is_taken_and_no_longer_one() -> None:
 def test_both_sides_of_when_a_token_begins(name: str) -> None:
     token = UNI.token(**{name: NOW_S + LEEWAY_S, "exp": NOW_S + 600})
     assert isinstance(Desk().admit(token, now_s=NOW_S), Grant)
-    assert "is good from 2027-01-15 08:00 UTC on, and here it is 2027-01-15 07:59" in Desk().why_not(token, NOW_S - 0.01)
+    assert "is good from 2027-01-15 08:00 UTC on, and here it is 2027-01-15 07:59" in Desk().why_not(
+        token, NOW_S - 0.01
+    )
 
 
 def test_both_sides_of_its_end() -> None:
     desk, token = Desk(), UNI.token()
     assert isinstance(desk.admit(token, now_s=NOW_S + 600 + LEEWAY_S - 0.01), Grant)
-    assert "has expired, at 2027-01-15 08:10 UTC" in desk.why_not(token, NOW_S + 600 + LEEWAY_S), "also one that is remembered"
+    assert "has expired, at 2027-01-15 08:10 UTC" in desk.why_not(token, NOW_S + 600 + LEEWAY_S), (
+        "also one that is remembered"
+    )
     assert isinstance(desk.admit(UNI.token(exp=NOW_S + MOST_LIFE_S)), Grant), "a day"
 
 
@@ -295,7 +299,9 @@ def test_a_standing_token_is_not_used_up_and_one_that_is_forgotten_is_taken_for_
     assert desk.judge.used_until(JTI, NOW_S) is None
     assert desk.judge.used_until("never-seen-here", NOW_S) == NOW_S + SPENT_S
     desk.admit(UNI.token(once=True))
-    assert desk.judge.used_until(JTI, NOW_S) == NOW_S + 600 + LEEWAY_S, "two tokens with one id: the stricter one counts"
+    assert desk.judge.used_until(JTI, NOW_S) == NOW_S + 600 + LEEWAY_S, (
+        "two tokens with one id: the stricter one counts"
+    )
 
 
 def test_a_full_book_takes_no_token_of_one_time_and_no_revocation_is_lost() -> None:

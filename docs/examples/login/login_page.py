@@ -20,7 +20,11 @@ from mint_token import mint
 GROUPS = "OIDC_CLAIM_groups"  # as Apache's mod_auth_openidc names the claim; mod_shib: "isMemberOf"
 SEPARATORS = str.maketrans({",": " ", ";": " "})
 Start = Callable[[str, list[tuple[str, str]]], Any]
-HEADERS = [("Content-Type", "text/html; charset=utf-8"), ("Cache-Control", "no-store"), ("Referrer-Policy", "no-referrer")]
+HEADERS = [
+    ("Content-Type", "text/html; charset=utf-8"),
+    ("Cache-Control", "no-store"),
+    ("Referrer-Policy", "no-referrer"),
+]
 log = logging.getLogger("login_page")
 
 

@@ -20,8 +20,18 @@ MOST_SECONDS = 86_400  # longest life of a token that a server takes
 
 
 def mint(
-    key: str, kid: str, server: str, *, room: str, role: str = "player", seat: str = "", device: str = "", once: bool = False,
-    seconds: int = 10_800, sub: str = "", now_s: float | None = None,
+    key: str,
+    kid: str,
+    server: str,
+    *,
+    room: str,
+    role: str = "player",
+    seat: str = "",
+    device: str = "",
+    once: bool = False,
+    seconds: int = 10_800,
+    sub: str = "",
+    now_s: float | None = None,
 ) -> tuple[str, str]:
     """Return the join link, and the id (jti) by which `cogrip token revoke` ends it.
 
@@ -33,13 +43,17 @@ def mint(
     place, _, fingerprint = server.partition("#")
     now = int(time.time() if now_s is None else now_s)
     claims = {"aud": fingerprint, "iat": now, "exp": now + seconds, "jti": uuid.uuid4().hex, "room": room, "role": role}
-    claims |= {name: value for name, value in (("seat", seat), ("device", device), ("once", once), ("sub", sub)) if value}
+    claims |= {
+        name: value for name, value in (("seat", seat), ("device", device), ("once", once), ("sub", sub)) if value
+    }
     algorithm = "EdDSA" if "PRIVATE KEY" in key else "HS256"
     token = jwt.encode(claims, key.strip(), algorithm, headers={"kid": kid})
     if not 0 < seconds <= MOST_SECONDS:
         raise ValueError(f"{seconds} s are no life of a token: 1 to {MOST_SECONDS}")
     if len(token) > MOST_CHARACTERS:
-        raise ValueError(f"the token has {len(token)} characters, more than {MOST_CHARACTERS}: shorten sub, device or kid")
+        raise ValueError(
+            f"the token has {len(token)} characters, more than {MOST_CHARACTERS}: shorten sub, device or kid"
+        )
     return f"{place.rstrip('/')}/{quote(room, safe='')}#{fingerprint}.{token}", claims["jti"]
 
 
