@@ -236,6 +236,23 @@ def test_links_are_read(library: Any, link: str, host: str, port: str, room: str
     assert (target.fingerprint.decode(), target.token.decode()) == (VALUES["f"], VALUES["t"])
 
 
+@pytest.mark.parametrize("most", [640, 641])
+def test_both_sides_of_the_longest_signed_token(library: Any, most: int) -> None:
+    token = "a.b." + "c" * (most - 4)
+    target, error = parsed(library, f"cogrip://lab.example/lab#{VALUES['f']}.{token}")
+    if most == 641:
+        assert (target, error) == (None, "join link: a signed token must have three parts, and at most 640 characters")
+        return
+    assert target, error
+    assert target.token.decode() == token
+    client = CClient(library, token=target.token, device=b"x" * 200, name=b"n" * 40, room=b"r" * 40, software=b"s" * 40)
+    client.connect(0)
+    ((datagram, _),) = client.sent()
+    hello = decode(datagram)
+    assert hello.token == token
+    assert 1024 < len(datagram) <= 1195
+
+
 @pytest.mark.parametrize(("text", "why"), rows(section("15.5"), "text"))
 def test_what_is_no_link_is_refused_and_its_secret_not_shown(library: Any, text: str, why: str) -> None:
     target, error = parsed(library, filled(text))

@@ -9,6 +9,7 @@ from hypothesis import strategies as st
 from rich.console import Console
 
 from cogrip.protocol.wire import join_link
+from cogrip.protocol.wire.messages import MOST_TOKEN
 from cogrip.protocol.wire.join_link import JoinLink, LinkError, is_link, is_secret, parse_link, unwrapped
 
 FINGERPRINT = "0123456789abcdef" * 4
@@ -16,7 +17,11 @@ TOKEN = "Kq7-_xZz09QWERTYuiopAw"
 SECRET = f"{FINGERPRINT}.{TOKEN}"
 LINK = f"cogrip://lab.example:47801/demo#{SECRET}"
 
-tokens = st.from_regex(r"[A-Za-z0-9_-]{22}", fullmatch=True)
+parts = st.from_regex(r"[A-Za-z0-9_-]{1,100}", fullmatch=True)
+tokens = st.one_of(
+    st.from_regex(r"[A-Za-z0-9_-]{22}", fullmatch=True),
+    st.tuples(parts, parts, parts).map(lambda three: "eyJ" + ".".join(three)),
+)
 rooms = st.from_regex(r"([A-Za-z0-9][A-Za-z0-9 ._-]{0,39})?", fullmatch=True)
 hosts = st.one_of(
     st.from_regex(r"[a-z0-9_][A-Za-z0-9_.-]{0,9}", fullmatch=True),
@@ -31,6 +36,18 @@ def read(text: str) -> JoinLink | LinkError:
         return parse_link(text)
     except LinkError as error:
         return error
+
+
+@pytest.mark.parametrize("most", [MOST_TOKEN, MOST_TOKEN + 1])
+def test_both_sides_of_the_longest_signed_token_in_the_longest_link(most: int) -> None:
+    token = "a.b." + "c" * (most - 4)
+    text = f"cogrip://{'h' * 253}:65535/{'%41' * 40}#{FINGERPRINT}.{token}"
+    if most == MOST_TOKEN:
+        assert parse_link(text).token == token
+        return
+    with pytest.raises(LinkError, match="the signed token has 641 characters, and must have three parts") as caught:
+        parse_link(text)
+    assert "ccc" not in str(caught.value)
 
 
 @given(links)

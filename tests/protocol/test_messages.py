@@ -245,6 +245,19 @@ def test_a_padded_hello_has_exactly_its_length_at_every_length_of_its_texts(lett
         assert len(padded(hello)) == HELLO_BYTES
 
 
+def test_a_hello_with_the_longest_token_fits_beside_any_names_and_answers_are_no_longer() -> None:
+    token = "x" * messages.MOST_TOKEN
+    names = ["n" * 40] * 4
+    record = 6, 1.1, 0.1, 0.1, "observer"
+    hello = Hello(
+        messages.MAGIC, 1, *names[:1], BIG, *names[1:], WIDE * 50, *record, token, SECRET, 0.1, 0.1
+    )  # fmt: skip
+    assert len(padded(hello)) == 1126 <= messages.MAX_MESSAGE_BYTES
+    assert decode(padded(hello)) == hello
+    short = msgspec.structs.replace(hello, token="x" * 500)
+    assert len(padded(short)) == HELLO_BYTES
+
+
 def test_the_largest_legal_messages_are_read_and_fit_a_datagram_when_they_are_encrypted() -> None:
     assert messages.MAX_MESSAGE_BYTES + messages.DTLS_BYTES == messages.MAX_DATAGRAM_BYTES
     for message in LARGEST.values():

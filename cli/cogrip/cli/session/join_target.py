@@ -20,7 +20,7 @@ from cogrip.protocol.wire.join_link import (
     split_place,
     unwrapped,
 )
-from cogrip.protocol.wire.messages import Hello
+from cogrip.protocol.wire.messages import MAX_MESSAGE_BYTES, Hello, padded
 from cogrip.protocol.wire.session import make_hello
 
 
@@ -58,17 +58,27 @@ class JoinTarget:
 
     def player(self, record: Capability, address: str) -> Hello:
         """Return the hello of a player with the device at `address`."""
-        return make_hello(
+        return _fitting(make_hello(
             software=VERSION, nonce=_nonce(), room=self.room, name=self.name, digest=self.digest, device=address,
             token=self.token, **record.claims,
-        )  # fmt: skip
+        ))  # fmt: skip
 
     def observer(self) -> Hello:
         """Return the hello of an observer."""
-        return make_hello(
+        return _fitting(make_hello(
             software=VERSION, nonce=_nonce(), room=self.room, name=self.name, digest=self.digest, device="none", axes=1,
             rate_hz=1.0, role="observer", token=self.token,
-        )  # fmt: skip
+        ))  # fmt: skip
+
+
+def _fitting(hello: Hello) -> Hello:
+    """Return a hello that fits a message: beside a long token only names as a server has them do. Raises BadInput."""
+    if (size := len(padded(hello))) > MAX_MESSAGE_BYTES:
+        raise BadInput(
+            f"room, name and token make a hello of {size} bytes, and {MAX_MESSAGE_BYTES} fit: names of rooms and seats have "
+            "at most 40 letters, digits, blanks and . _ -"
+        )
+    return hello
 
 
 def _nonce() -> int:
