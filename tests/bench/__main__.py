@@ -35,6 +35,7 @@ BENCHES = {  # each is the function bench_NAME of tests.bench.NAME, with _ for -
     "sweep": "Run the same cases with one worker and with several.",
     "thresholds": "Estimate thresholds of simulated observers that the fit does not assume: bias, coverage, spread.",
     "tick": "Measure a client's tick with each coupling, and the same session with plain wave lines beside it.",
+    "tokens": "Measure what a token in a hello costs a server: stored, signed, known, wrong.",
     "trial": "Try motors before a seat on emulated arms with each fault, and with none: what is named, what is not.",
     "velocity": "Compare velocity estimators on recorded hands and in sessions, and report the impedance each device carries.",
     "view": "Measure a 1 kHz client beside tabs, a tab that hangs, 50 tabs, and how soon the server feels a pointer.",

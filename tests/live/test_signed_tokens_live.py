@@ -3,6 +3,7 @@
 Each refusal is read on both sides, the resumption of a seat after a kill of the server as well.
 """
 
+import secrets
 import signal
 import subprocess
 import sys
@@ -29,6 +30,7 @@ class University:
     """A key pair that openssl made, and the example program that mints with it."""
 
     def __init__(self, folder: Path, kid: str) -> None:
+        kid = f"{kid}-{secrets.token_hex(3)}"  # another one where a test is tried again
         self.kid, self.private, self.public = kid, folder / f"{kid}.pem", folder / f"{kid}.public.pem"
         self._openssl("genpkey", "-algorithm", "ed25519", "-out", self.private)
         self._openssl("pkey", "-in", self.private, "-pubout", "-out", self.public)
@@ -90,7 +92,7 @@ def refused(server: Server, person: Spoken, words: str) -> None:
 
 @fairly
 def test_a_key_is_known_at_once_and_a_revoked_token_ends_who_came_in_by_it(start, server, ask, place, join, tmp_path):
-    university = University(tmp_path, f"uni-{tmp_path.parent.name}")
+    university = University(tmp_path, "uni")
     anna, jti = university.mint(place, "--seat", "anna")
     ben, _ = university.mint(place, "--seat", "ben", "--once")
     refused(server, join(anna, *PULL), "this token is")  # of an unknown key, or a signed one where there are no keys
@@ -116,7 +118,7 @@ def test_tokens_whose_time_is_not_now_or_too_long_are_refused_and_a_next_key_fol
     start, server, ask, place, join, tmp_path
 ):
     one, two = University(tmp_path, "one"), University(tmp_path, "two")
-    ask("token", "keys", "add", one.public, "--kid", "one")
+    ask("token", "keys", "add", one.public, "--kid", one.kid)
     good, _ = one.mint(place, code=earlier(3600.0 - 10))  # within its three hours
     late, _ = one.mint(place, "--seconds", "60", code=earlier(100.0))
     early, _ = one.mint(place, code=earlier(-100.0))
@@ -124,11 +126,11 @@ def test_tokens_whose_time_is_not_now_or_too_long_are_refused_and_a_next_key_fol
     person.hear("anna holds cube")
     refused(server, join(late, *PULL), "this token has expired, at 20")
     refused(server, join(early, *PULL), "this token is good from 20")
-    ask("token", "keys", "add", two.public, "--kid", "two")
+    ask("token", "keys", "add", two.public, "--kid", two.kid)
     watches, jti = two.mint(place, "--role", "observer")
     watcher = join(watches)
     watcher.hear("object at")
-    ask("token", "keys", "remove", "two")
+    ask("token", "keys", "remove", two.kid)
     assert watcher.end() == 1
     assert person.popen.poll() is None, "her key is still there"
     person.popen.send_signal(signal.SIGINT)
@@ -139,7 +141,7 @@ def test_tokens_whose_time_is_not_now_or_too_long_are_refused_and_a_next_key_fol
 @fairly
 def test_a_seat_is_resumed_by_its_signed_token_after_a_kill_of_the_server(start, server, ask, place, join, tmp_path):
     university = University(tmp_path, "resumes")
-    ask("token", "keys", "add", university.public, "--kid", "resumes")
+    ask("token", "keys", "add", university.public, "--kid", university.kid)
     link, jti = university.mint(place, "--seat", "anna", "--once")
     anna = join(link, *PULL)
     anna.hear("anna holds cube")
@@ -164,7 +166,7 @@ def test_people_of_several_workers_come_and_go_by_signed_tokens(start, tmp_path)
     university = University(tmp_path, "uni")
     place = parse_link(rooms.ask("token", "new", "--room", "cellar").split("\n")[-2])
     link, jti = university.mint(place, "--seat", "ben", "--once")
-    assert "the server has read it" in rooms.ask("token", "keys", "add", university.public, "--kid", "uni")
+    assert "the server has read it" in rooms.ask("token", "keys", "add", university.public, "--kid", university.kid)
     ben = start("join", link, "--no-report", "--runs", tmp_path / "ben", *PULL)
     ben.hear("ben holds cube in room")
     again = start("join", link, "--no-report", "--runs", tmp_path / "again", *PULL)

@@ -4,6 +4,7 @@ import asyncio
 import hashlib
 import json
 import re
+import secrets
 import shutil
 import signal
 import socket
@@ -23,6 +24,7 @@ from websockets.exceptions import ConnectionClosed, InvalidMessage, InvalidStatu
 
 from cogrip.devices.web.messages import Pointer, encode_pointer
 from cogrip.protocol.wire.join_link import JoinLink, parse_link
+from cogrip.server.admission.token_keys import from_base64url
 from cogrip.server.io.state_folder import find_folder
 from cogrip.server.io.token_file import TokenFile, draw_token
 from cogrip.view.frames import SceneFrame, decode
@@ -31,6 +33,7 @@ from cogrip.view.io.peer_log import LOG_LINES
 from cogrip.view.visitors import VisitorLimits
 
 from tests.live.held_arms import DEMO, Spoken
+from tests.server.signers import Signer
 from tests.view import event_loop
 from tests.view.browser_page import Open
 from tests.view.shown_page import frame_bytes, upgrade
@@ -67,6 +70,21 @@ class Gated:
         token = draw_token()
         made = TokenFile(find_folder(self.state)).change(lambda book: book.new(token, time.time(), **terms))
         return token, made.id
+
+    def signed(self, **terms: object) -> str:
+        """Return a signed token of these terms; its key is the server's."""
+        file, signer = TokenFile(find_folder(self.state)), Signer()
+        if file.load().key(signer.kid) is None:
+            file.change(lambda book: (book.add_key(signer.key()), None))
+        now_s = int(time.time())
+        return signer.token(
+            aud=self.link("player").fingerprint,
+            iat=now_s,
+            exp=now_s + 600,
+            room="demo",
+            jti=secrets.token_hex(16),
+            **terms,
+        )
 
     def revoke(self, ident: str) -> None:
         TokenFile(find_folder(self.state)).change(lambda book: (book.revoke(ident, time.time()), None))
@@ -157,6 +175,25 @@ async def test_a_hand_by_its_token_moves_the_servers_object_and_a_revocation_end
             pass
     code, words = await gated.refused(token, hand=True)
     assert (code, "was revoked at" in words) == (4401, True), words
+
+
+async def test_a_signed_token_opens_a_page_and_holds_a_hand_and_a_revocation_ends_both(gated):
+    token = gated.signed(role="player", seat="anna", once=True)
+    jti = json.loads(from_base64url(token.split(".")[1]))["jti"]
+    async with gated.page(token, hand=True) as held:
+        assert msgspec.json.decode(await held.recv())["hand"] is True
+        used = (4401, "this token was used already: it is good for one time; ask for a new link")
+        assert await gated.refused(token, hand=True) == used
+        edit = lambda book: (book.spend(jti, "revoke", time.time() + 600, time.time()), None)  # noqa: E731
+        TokenFile(find_folder(gated.state)).change(edit)
+        gated.server.popen.send_signal(signal.SIGHUP)
+        code, words = await closed(held)
+        assert (code, "revoked" in words) == (4403, True), words
+    async with gated.page(gated.signed(role="observer")) as shown:
+        assert msgspec.json.decode(await shown.recv())["room"] == "demo"
+    changed = gated.signed(role="observer")
+    code, words = await gated.refused(f"{changed[:-6]}AAAAAA")
+    assert (code, words) == (4401, "this token has no signature by the key 'uni'; ask for a new link")
 
 
 async def test_an_observers_tabs_share_one_session_which_a_revocation_ends(gated):

@@ -158,7 +158,9 @@ class TokenAuthenticator:
         if self._to_report and self._reading is None:
             self._to_report, now_s = False, self._wall_s()
             usable = add_integers(token.state(now_s) == "good" for token in self._book.tokens)
-            self._say(ServerEvent("reloaded", f"tokens were read again: {usable} of {len(self._book.tokens)} are good"))
+            keys = f"; {len(self._book.keys)} keys of signed ones" if self._book.keys else ""
+            words = f"tokens were read again: {usable} of {len(self._book.tokens)} are good{keys}"
+            self._say(ServerEvent("reloaded", words))
 
     def close(self) -> None:
         """Wait until every change is in the file; report those that are not."""
