@@ -5,7 +5,7 @@ from collections.abc import Callable
 
 from cogrip.cli.terminal.output import make_console
 from cogrip.cli.terminal.problem import within
-from cogrip.server.admission.signed_tokens import SignedTokens, SignedTokenError, check_signature
+from cogrip.server.admission.signed_tokens import SignedTokenError, SignedTokens, check_signature
 from cogrip.server.admission.tokens import TokenBook
 from cogrip.server.io.token_file import draw_token
 from cogrip.server.rate_limit import SIGNATURES
@@ -64,8 +64,8 @@ def bench_tokens(*, rounds: int = 5, times: int = 300) -> int:
         console.print(f"{name:24} {each_us:7.1f} µs", highlight=False)
     most_us = least_us["signed by another key"]
     console.print(
-        f"at most {SIGNATURES.per_second} signatures a second: {most_us * SIGNATURES.per_second * 1e-4:.0f} % of this processor; "
-        f"{SIGNATURES.burst} at once: {most_us * SIGNATURES.burst * 1e-3:.1f} ms",
+        f"at most {SIGNATURES.per_second} signatures a second: {most_us * SIGNATURES.per_second * 1e-4:.0f} % of this "
+        f"processor; {SIGNATURES.burst} at once: {most_us * SIGNATURES.burst * 1e-3:.1f} ms",
         highlight=False, soft_wrap=True,
     )  # fmt: skip
     return 0

@@ -46,7 +46,8 @@ class University:
             ["-c", f"{code}\nimport runpy; runpy.run_path({str(MINT)!r}, run_name='__main__')"] if code else [str(MINT)]
         )
         made = subprocess.run(
-            [sys.executable, "-I", *begin, str(self.private), "--kid", self.kid, "--server", server, "--room", link.room, *terms],
+            [sys.executable, "-I", *begin, str(self.private), "--kid", self.kid, "--server", server, "--room", link.room,
+             *terms],
             capture_output=True, text=True, timeout=LIMIT_S, check=True,
         )  # fmt: skip
         return made.stdout.strip(), made.stderr.split()[1]

@@ -9,8 +9,8 @@ from hypothesis import strategies as st
 from rich.console import Console
 
 from cogrip.protocol.wire import join_link
-from cogrip.protocol.wire.messages import MOST_TOKEN
 from cogrip.protocol.wire.join_link import JoinLink, LinkError, is_link, is_secret, parse_link, unwrapped
+from cogrip.protocol.wire.messages import MOST_TOKEN
 
 FINGERPRINT = "0123456789abcdef" * 4
 TOKEN = "Kq7-_xZz09QWERTYuiopAw"

@@ -45,6 +45,7 @@ MODULES = (
     "server.io.dtls_peer",
     "server.io.metrics_process", "machine.trial",
     "server.io.loop", "server.rate_limit", "server.room", "server.ports.seat_limits", "server.admission.tokens",
+    "server.admission.token_keys", "server.admission.signed_tokens",
     "server.worlds.scenes.scene_file", "server.worlds.scenes.scene_text", "server.worlds.world",
     "view.io.page_server", "view.io.peer_log",
 )  # fmt: skip

@@ -1,8 +1,8 @@
 #!/usr/bin/env python3
 """Page behind a university's login: whoever has logged in gets a join link of their own (`docs/login.md`).
 
-A CGI program, so that nobody can reach it past the web server, which does the login (OpenID Connect or SAML) and gives the person
-in REMOTE_USER, and their groups where GROUPS says. Settings by the environment:
+A CGI program, so that nobody can reach it past the web server, which does the login (OpenID Connect or SAML) and gives the
+person in REMOTE_USER, and their groups where GROUPS says. Settings by the environment:
 
     COGRIP_SIGNER   file of the private key, which the web server's user alone can read
     COGRIP_KID      name of its key at the server

@@ -100,24 +100,23 @@ def read_keys(data: bytes, kid: str, audience: str, now_s: float) -> list[TokenK
 
 
 def _of_pem(text: bytes) -> bytes:
-    from cryptography.exceptions import UnsupportedAlgorithm  # OpenSSL takes a while
-    from cryptography.hazmat.primitives import serialization
-    from cryptography.hazmat.primitives.asymmetric.ed25519 import Ed25519PublicKey
+    from jwt.algorithms import OKPAlgorithm  # OpenSSL takes a while
+    from jwt.exceptions import PyJWTError
 
     if b"PRIVATE KEY" in text.partition(b"\n")[0]:
         raise KeyFileError(
             "it holds a private key, which stays where tokens are minted: `openssl pkey -in FILE -pubout` gives the public one"
         )
     try:
-        key = serialization.load_pem_public_key(text)
-    except (ValueError, UnsupportedAlgorithm):
-        key = None
-    if not isinstance(key, Ed25519PublicKey):
+        jwk = OKPAlgorithm.to_jwk(OKPAlgorithm().prepare_key(text), as_dict=True)
+    except (PyJWTError, ValueError, TypeError):
+        jwk = {}
+    if jwk.get("crv") != "Ed25519":
         raise KeyFileError(
             "it holds no Ed25519 public key: `openssl genpkey -algorithm ed25519 -out FILE` makes a private key, "
             "`openssl pkey -in FILE -pubout` gives its public one"
         )
-    return key.public_bytes(serialization.Encoding.Raw, serialization.PublicFormat.Raw)
+    return from_base64url(jwk["x"])
 
 
 def _of_json(text: bytes) -> list[tuple[str, Algorithm, bytes]]:
