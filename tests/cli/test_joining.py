@@ -127,6 +127,35 @@ def test_a_link_is_all_that_is_needed(asked: Asked) -> None:
     assert isinstance(calls.make_channel(), DtlsClient), "with a link everything is encrypted"
 
 
+SIGNED = f"eyJhbGciOiJFZERTQSJ9.{'c' * 300}.{'s' * 86}"
+
+
+@pytest.mark.parametrize("text", [SIGNED, f"cdef.{SIGNED}", f"lab#{SIGNED}", SIGNED[:380]])
+def test_the_end_of_a_link_with_a_signed_token_is_neither_looked_up_nor_shown(
+    cogrip: Cogrip, monkeypatch: pytest.MonkeyPatch, text: str
+) -> None:
+    looked_up: list[object] = []
+    monkeypatch.setattr(join_target, "find", lambda *where: looked_up.append(where))
+    code, _, problems = cogrip("join", text)
+    assert (code, looked_up) == (2, [])
+    assert "cccc" not in problems
+    assert "ssss" not in problems
+
+
+def test_a_signed_token_is_said_whole_and_beside_it_names_must_fit(asked: Asked) -> None:
+    longest = "eyJ.b." + "c" * 634
+    link = f"cogrip://127.0.0.1:4711/#{FINGERPRINT}.{longest}"
+    assert asked(link, "--name", "n" * 40, "--room", "r" * 40)[0].token == longest
+    target = join_target.target_of(link, "\U0001f600" * 40, False, "\U0001f600" * 40, "")
+    record = make("sim:ideal").capability
+    assert target.player(record, "sim:ideal").token == longest
+    with pytest.raises(
+        BadInput, match=r"make a hello of 12\d\d bytes, and 1195 fit: names of rooms and seats have"
+    ) as caught:
+        target.player(record, "sim:" + "x" * 196)
+    assert "ccc" not in str(caught.value)
+
+
 @pytest.mark.parametrize("pasted", [f"<{LINK}>", f"'{LINK}'", f" cogrip join '{LINK}'\n"])
 def test_a_link_is_taken_as_it_was_pasted(
     cogrip: Cogrip, asked: Asked, monkeypatch: pytest.MonkeyPatch, pasted: str

@@ -41,6 +41,16 @@ def test_a_hello_loses_its_token_and_keeps_a_mark_and_so_does_a_welcome() -> Non
     assert messages.decode(kept(messages.encode(WELCOME))) == msgspec.structs.replace(WELCOME, ticket="m22")
 
 
+def test_a_signed_token_is_left_out_too() -> None:
+    token = f"eyJ.{'s' * 550}.{'t' * 85}"
+    out = without_secrets(
+        messages.padded(msgspec.structs.replace(HELLO, token=token, device="sim:" + "x" * 196)), ticket_hash
+    )
+    assert b"sss" not in out
+    assert b"ttt" not in out
+    assert len(out) == messages.HELLO_BYTES
+
+
 def test_what_holds_no_secret_is_kept_as_it_is() -> None:
     bare = messages.padded(msgspec.structs.replace(HELLO, token="", ticket=""))
     for message in (bare, messages.encode(Heartbeat(1, Stamp(1))), b"", b"\x90", b"\xdc", bytes(40), b"\x91\x01"):

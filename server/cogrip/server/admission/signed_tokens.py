@@ -10,7 +10,7 @@ from collections.abc import Callable
 from typing import Annotated
 
 import msgspec
-from jwt import PyJWS
+from jwt import PyJWK, PyJWS
 from jwt.algorithms import OKPAlgorithm
 from jwt.exceptions import PyJWTError
 
@@ -100,11 +100,9 @@ def check_signature(token: str, book: TokenBook) -> Signed:
     if header.alg not in _NAMES[key.algorithm]:
         said = header.alg if _ALGORITHM.match(header.alg) else "something else"
         raise SignedTokenError(f"says that it is signed by {said}, and the key {key.kid!r} is for {key.algorithm}")
-    public = (
-        OKPAlgorithm.from_jwk({"kty": "OKP", "crv": "Ed25519", "x": key.key}) if key.algorithm == "EdDSA" else key.bytes
-    )
+    jwk = {"kty": "OKP", "crv": "Ed25519", "x": key.key} if key.algorithm == "EdDSA" else {"kty": "oct", "k": key.key}
     try:
-        payload = _jws.decode(token, public, algorithms=[header.alg])
+        payload = _jws.decode(token, PyJWK(jwk, key.algorithm).key, algorithms=[header.alg])
     except (PyJWTError, ValueError):
         raise SignedTokenError(f"has no signature by the key {key.kid!r}") from None
     try:
