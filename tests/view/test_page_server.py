@@ -124,7 +124,7 @@ MESSAGES: dict[str, tuple[list[bytes], int, str]] = {
     # name: what is sent once the socket is open, code with which it is closed, name of the count
     "another token": ([text(HELLO.replace(TOKEN, "wrong"))], 4401, "token"),
     "no token": ([text('{"type":"hello"}')], 4400, "malformed message"),
-    "a token without end": ([text(HELLO.replace(TOKEN, "t" * 65))], 4400, "malformed message"),
+    "a token without end": ([text(HELLO.replace(TOKEN, "t" * 641))], 4400, "malformed message"),
     "no JSON": ([text("hello")], 4400, "malformed message"),
     "JSON without end": ([frame_bytes(b"[" * 4000, TEXT)], 4400, "malformed message"),
     "another type": ([text('{"type":"order"}')], 4400, "malformed message"),
