@@ -53,13 +53,24 @@ def mint(key: Path, *words: object, kid: str = "uni", code: int = 0) -> tuple[st
 
 def test_a_minted_link_admits_to_what_was_asked_for(private: Path, tmp_path: Path) -> None:
     out, err = mint(
-        private, "--seat", "anna", "--device", "sim:", "--once", "--sub", "a@uni.example", "--seconds", MOST_LIFE_S
+        private,
+        "--seat",
+        "anna",
+        "--device",
+        "sim:",
+        "--force-n",
+        9,
+        "--once",
+        "--sub",
+        "a@uni.example",
+        "--seconds",
+        MOST_LIFE_S,
     )
     link = parse_link(out)
     jti = err.split()[1]
     assert is_jti(jti)
     assert (link.host, link.port, link.room, link.fingerprint) == ("lab.example", 47801, "room B", FINGERPRINT)
-    assert admitted(link) == Grant("player", jti, "room B", "anna", "sim:")
+    assert admitted(link) == Grant("player", jti, "room B", "anna", "sim:", 9.0)
     (tmp_path / "secret").write_text(f"{SECRET}\n")
     out, err = mint(tmp_path / "secret", "--role", "observer", kid="app")
     assert admitted(parse_link(out)) == Grant("observer", err.split()[1], "room B")

@@ -35,6 +35,7 @@ class Tokens:
             "o": Grant("observer", "bbbbbbbb"),
             "b": Grant("player", "cccccccc", user="ben"),
             "d": Grant("player", "dddddddd", device="hid:"),
+            "f": Grant("player", "ffffffff", force_n=3.0, speed_mps=0.5),
             "r": Grant("player", "eeeeeeee", room="hall"),
         }
         return made.get(hello.token[:1], Denied("token", "this token is not known; ask for a new link"))
@@ -88,6 +89,21 @@ def test_a_hello_while_tokens_are_read_is_not_answered_and_comes_again(desk: Gua
         ({"token": "x"}, "token", "not known"),
         ({"token": "b", "name": "anna"}, "name", "for the seat of 'ben', not of 'anna'"),
         ({"token": "d"}, "device", "this token is for hid:, and sim:ideal is claimed"),
+        (
+            {"token": "f", "force_n": 3.01, "speed_mps": 0.5},
+            "device",
+            "for devices of at most 3 N, and sim:ideal claims 3.01 N",
+        ),
+        (
+            {"token": "f", "force_n": 3.0, "speed_mps": 0.51},
+            "device",
+            "of at most 0.5 m/s, and sim:ideal claims 0.51 m/s",
+        ),
+        (
+            {"token": "f"},
+            "device",
+            "for devices of at most 3 N, and sim:ideal claims no bound; join with a weaker device",
+        ),
         ({"token": "r"}, "room", "no room 'hall'"),
         ({"token": "r", "room": "lab"}, "room", "for room 'hall', not 'lab'"),
     ],
@@ -101,6 +117,10 @@ def test_a_hello_without_admission_is_refused_in_words(
     assert desk.core.events[-1].code == code
     assert not desk.authenticator.used
     assert not desk.core.knows("x")
+
+
+def test_a_device_at_the_bounds_of_its_token_is_seated(desk: Guarded) -> None:
+    assert desk.welcome("x", token="f", force_n=3.0, speed_mps=0.5).role == "player"
 
 
 def test_a_token_is_used_when_its_seat_is_given_and_only_then(desk: Guarded) -> None:

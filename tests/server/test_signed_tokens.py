@@ -63,6 +63,12 @@ def test_a_token_admits_to_what_it_says(signer: Signer) -> None:
     assert desk.admit(watches, "player", "wall") == Grant("observer", "another-one")
 
 
+def test_it_bounds_the_device_record_of_a_player() -> None:
+    token = UNI.token(force_n=3, speed_mps=0.5)
+    assert Desk().admit(token) == Grant("player", JTI, "lab", force_n=3.0, speed_mps=0.5)
+    assert Desk().admit(token, "observer") == Grant("observer", JTI, "lab")
+
+
 @pytest.mark.parametrize(("name", "signer"), [(FINGERPRINT, UNI), (FINGERPRINT, APP), ("lab.example", APP)])
 def test_it_is_for_the_fingerprint_or_the_name_that_was_given_with_its_key(name: str, signer: Signer) -> None:
     assert isinstance(Desk().admit(signer.token(aud=name)), Grant)
@@ -188,6 +194,9 @@ ATTACKS = {
     "a half of a letter": (UNI.token(seat="a\ud800"), "cannot be: "),
     "a zero in a device": (UNI.token(device="hid:\x00"), "cannot be: device: Expected `str` matching regex"),
     "a role that is none": (UNI.token(role="admin"), "cannot be: role: Invalid enum value 'admin'"),
+    "a force below 0": (UNI.token(force_n=-1.0), "cannot be: force_n: Expected `float` >= 0.0"),
+    "a text as a force": (UNI.token(force_n="3"), "cannot be: force_n: Expected `float`, got `str`"),
+    "a speed beyond all": (UNI.token(speed_mps=1e7), "cannot be: speed_mps: Expected `float` <= 1000000.0"),
     "a word for once": (UNI.token(once="yes"), "cannot be: once: Expected `bool`, got `str`"),
     "a short id": (UNI.token(jti="abcdefghi"), "cannot be: jti: Expected `str` matching regex"),
     "an id of a stored token": (UNI.token(jti="0b9ee21b"), "cannot be: jti: Expected `str` matching regex"),

@@ -54,7 +54,7 @@ GROUPS: dict[str, Table] = {
         "worlds": ("worlds.commands:worlds", "Worlds, also your own: list, check."),
     },
     "Administration": {
-        "token": ("admin.token:token", "Tokens, the rights to join an encrypted server: new, list, revoke."),
+        "token": ("admin.token:token", "Tokens, the rights to join an encrypted server: new, list, revoke, keys."),
         "who": ("admin.who:who", "List who is seated or observes in a running server."),
         "mark": ("admin.mark:mark", "Set a marker in a running session, in every recording of it."),
         "set": ("admin.set_values:set_values", "Change settings of a person, or of a room, in a running session."),

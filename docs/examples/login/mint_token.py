@@ -28,6 +28,8 @@ def mint(
     role: str = "player",
     seat: str = "",
     device: str = "",
+    force_n: float = 0.0,
+    speed_mps: float = 0.0,
     once: bool = False,
     seconds: int = 10_800,
     sub: str = "",
@@ -37,15 +39,16 @@ def mint(
 
     key     text of the private key, or the secret
     server  cogrip://HOST:PORT#FINGERPRINT
+    device  beginning of the addresses of devices that may be used, such as haply: ; "" any
+    force_n, speed_mps  most force [N] and speed [m/s] that the device may have; 0 what the room allows
     seconds life of the token: as long as the session, as one that has expired resumes nothing
     sub     whatever the login knows the person by: the server does not look at it
     """
     place, _, fingerprint = server.partition("#")
     now = int(time.time() if now_s is None else now_s)
     claims = {"aud": fingerprint, "iat": now, "exp": now + seconds, "jti": uuid.uuid4().hex, "room": room, "role": role}
-    claims |= {
-        name: value for name, value in (("seat", seat), ("device", device), ("once", once), ("sub", sub)) if value
-    }
+    more = {"seat": seat, "device": device, "force_n": force_n, "speed_mps": speed_mps, "once": once, "sub": sub}
+    claims |= {name: value for name, value in more.items() if value}
     algorithm = "EdDSA" if "PRIVATE KEY" in key else "HS256"
     token = jwt.encode(claims, key.strip(), algorithm, headers={"kid": kid})
     if not 0 < seconds <= MOST_SECONDS:
@@ -67,6 +70,8 @@ def main() -> int:
     parser.add_argument("--role", default="player", choices=("player", "observer"))
     parser.add_argument("--seat", default="")
     parser.add_argument("--device", default="")
+    parser.add_argument("--force-n", type=float, default=0.0)
+    parser.add_argument("--speed-mps", type=float, default=0.0)
     parser.add_argument("--once", action="store_true")
     parser.add_argument("--seconds", type=int, default=10_800)
     parser.add_argument("--sub", default="")

@@ -12,13 +12,15 @@ from cogrip.protocol.wire.messages import Hello, Role
 
 
 class Grant(msgspec.Struct, frozen=True, tag="grant", omit_defaults=True):
-    """Admission as `role`. The other fields narrow it; "" leaves open."""
+    """Admission as `role`. The other fields narrow it; "" and 0 leave open."""
 
     role: Role
     token: str = ""  # public id of the token, never the token
     room: str = ""
     user: str = ""  # name of the person whose seat may be taken
     device: str = ""  # beginning of the device address that may be claimed, such as hid:woodenhaptics
+    force_n: float = 0.0  # most force and speed that the device record may claim
+    speed_mps: float = 0.0
 
 
 class Denied(msgspec.Struct, frozen=True, tag="denied"):

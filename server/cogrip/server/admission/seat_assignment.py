@@ -5,7 +5,7 @@ from itertools import chain
 
 from cogrip.machine.addition import add_integers
 from cogrip.protocol.secure.channel import Address
-from cogrip.protocol.wire.messages import Hello
+from cogrip.protocol.wire.messages import NO_BOUND, Hello
 from cogrip.protocol.wire.session import unfit
 from cogrip.server.admission.admission import Denied, Grant
 from cogrip.server.ports.seat_limits import misclaimed, record_of
@@ -86,6 +86,13 @@ def find_seat(rooms: Sequence[Room], hello: Hello, grant: Grant, now_ns: int) ->
     if grant.device and not hello.device.startswith(grant.device):
         claimed = f"and {hello.device} is claimed; join with the device it is for"
         return Denied("device", f"this token is for {grant.device}, {claimed}")
+    for most, claim, unit, kind in (
+        (grant.force_n, hello.device_force_n, "N", "weaker"), (grant.speed_mps, hello.device_speed_mps, "m/s", "slower")
+    ):  # fmt: skip
+        if 0.0 < most < claim:
+            claimed = f"{claim:g} {unit}" if claim < NO_BOUND else "no bound"
+            words = f"and {hello.device} claims {claimed}; join with a {kind} device"
+            return Denied("device", f"this token is for devices of at most {most:g} {unit}, {words}")
     name = hello.name or grant.user
     misfit: Denied | None = None
     for room in among:

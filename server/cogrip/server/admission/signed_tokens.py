@@ -13,8 +13,9 @@ import msgspec
 from jwt import PyJWK, PyJWS
 from jwt.algorithms import OKPAlgorithm
 from jwt.exceptions import PyJWTError
+from msgspec.structs import replace
 
-from cogrip.protocol.wire.messages import MOST_TOKEN, Role
+from cogrip.protocol.wire.messages import MOST_TOKEN, Bound, Role
 from cogrip.server.admission.admission import Denied, Grant
 from cogrip.server.admission.token_keys import KID_PATTERN, Algorithm, TokenKey, from_base64url
 from cogrip.server.admission.tokens import (
@@ -67,6 +68,8 @@ class Claims(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=Tr
     role: Role
     seat: NameOrAny = ""  # name of the seat; "" any
     device: DeviceOrAny = ""  # beginning of the device address that may be claimed; "" any
+    force_n: Bound = 0.0  # most force and speed that the device record may claim; 0 the room's own bounds
+    speed_mps: Bound = 0.0
     once: bool = False
     iss: Annotated[str, msgspec.Meta(max_length=200)] = ""  # for whoever mints: not looked at
     sub: Annotated[str, msgspec.Meta(max_length=200)] = ""
@@ -152,7 +155,10 @@ class SignedTokens:
         claims = signed.claims
         if why := book.why_spent(claims.jti, now_s, once=claims.once):
             return Denied("token", f"this token {why}; ask for a new link")
-        return granted(role, room, claims.role, claims.jti, claims.room, claims.seat, claims.device)
+        grant = granted(role, room, claims.role, claims.jti, claims.room, claims.seat, claims.device)
+        if isinstance(grant, Grant) and grant.role == "player":
+            grant = replace(grant, force_n=claims.force_n, speed_mps=claims.speed_mps)
+        return grant
 
     def shown(self, token: str, book: TokenBook, now_s: float) -> str | None:
         """Return the id of this token, used or not; None where it is not good, or is to come again."""
