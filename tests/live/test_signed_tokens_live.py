@@ -3,6 +3,7 @@
 Each refusal is read on both sides, the resumption of a seat after a kill of the server as well.
 """
 
+import re
 import secrets
 import signal
 import subprocess
@@ -173,6 +174,7 @@ def test_people_of_several_workers_come_and_go_by_signed_tokens(start, tmp_path)
     again = start("join", link, "--no-report", "--runs", tmp_path / "again", *PULL)
     assert again.end() == 1
     assert "this token was used already" in again.said
+    assert re.search(rf"{jti}  (good|used) +ben ", listed := rooms.ask("token", "list")), listed
     assert f"{jti} is revoked" in rooms.ask("token", "revoke", jti)
     assert ben.end() == 1
     assert "kicked: the token was revoked" in ben.said

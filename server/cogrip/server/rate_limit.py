@@ -35,7 +35,7 @@ class Limits(NamedTuple):
 
 LIMITS = Limits()
 HELLOS = Budget(4, 8)  # budget for hellos of one participant: a client says hello four times a second
-SIGNATURES = Budget(600, 16)  # budget for signatures of tokens that are not known yet, of all peers: some 0.15 ms each
+SIGNATURES = Budget(600, 16)  # budget for signatures of tokens that are not known yet, of all peers: some 0.16 ms each
 ADDRESS_SLOTS = 65536
 """Number of slots: an address that shares one with an attacker's is shut out with it, one in 260 beside 250 of them."""
 PEER_SLOTS = 4096

@@ -32,9 +32,7 @@ from cogrip.server.rate_limit import SIGNATURES, Buckets
 
 LEEWAY_S = 30  # seconds by which the clocks of the mint and of the server may differ
 MOST_LIFE_S = 86_400  # longest time from `iat` to `exp`
-MOST_KNOWN = (
-    4096  # most tokens that are remembered with their signatures checked; those of longest ago are forgotten first
-)
+MOST_KNOWN = 4096  # most tokens that are remembered as checked; those that were shown longest ago are forgotten first
 _ALGORITHM = re.compile(r"[A-Za-z0-9-]{1,20}\Z")
 _NAMES: dict[Algorithm, tuple[str, ...]] = {"EdDSA": ("EdDSA", "Ed25519"), "HS256": ("HS256",)}
 """What a header may call a key's algorithm: RFC 9864 names EdDSA by its curve."""
@@ -57,9 +55,8 @@ class Header(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
 class Claims(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
     """Claims of a token. One that is not known may be meant to narrow what it allows, and is refused."""
 
-    aud: Annotated[
-        str, msgspec.Meta(min_length=1, max_length=100)
-    ]  # the server's fingerprint, or the audience of the key
+    # the server's fingerprint, or the audience of the key
+    aud: Annotated[str, msgspec.Meta(min_length=1, max_length=100)]
     exp: UnixSeconds
     iat: UnixSeconds
     nbf: UnixSeconds = 0
@@ -87,7 +84,7 @@ _header_of = msgspec.json.Decoder(Header).decode
 
 
 def check_signature(token: str, book: TokenBook) -> Signed:
-    """Return the claims of a token whose signature is right. Raises SignedTokenError. It takes some 0.15 ms with Ed25519."""
+    """Return the claims of a token whose signature is right. Raises SignedTokenError. It takes some 0.16 ms with Ed25519."""
     if len(token) > MOST_TOKEN:
         raise SignedTokenError(f"has {len(token)} characters, and at most {MOST_TOKEN} fit a hello")
     parts = token.split(".")
