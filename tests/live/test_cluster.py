@@ -11,10 +11,13 @@ from typing import Any
 
 import pytest
 
+from cogrip.protocol.wire.join_link import parse_link
+
 from tests.free_ports import free_port
 from tests.live.held_arms import DEMO, Spoken, fairly, until
 from tests.live.raylets import NODE, descendants, kill, raylet_of, raylets
 from tests.live.test_unauthenticated_peers import MOST_STEP_N, PULL, before_silence, largest_step_n, recording_of
+from tests.live.university import University
 from tests.stalls import MACHINE_STALLED
 
 pytestmark = [
@@ -174,7 +177,7 @@ def test_a_host_is_drained_and_nobody_loses_a_seat(start, serve, cluster, other)
 
 
 @fairly
-def test_rooms_are_administered_by_any_front(start, serve, cluster):
+def test_rooms_are_administered_by_any_front(start, serve, cluster, tmp_path):
     first = free_port()
     fronts = serve(ROOMS, "--room-ports", f"{first}-{first + 60}")
     for room in ROOMS:
@@ -197,6 +200,16 @@ def test_rooms_are_administered_by_any_front(start, serve, cluster):
     listed = fronts.ask(0, "token", "list")
     ident = next(line.split()[0] for line in listed.splitlines() if "ben" in line)
     assert "tokens were read again in 2 rooms" in fronts.ask(0, "token", "revoke", ident)
+    ben.hear("revoked")
+    assert ben.end() == 1
+    university = University(tmp_path, "uni")
+    assert "read again in 2 rooms" in fronts.ask(0, "token", "keys", "add", university.public, "--kid", university.kid)
+    link, jti = university.mint(parse_link(token[1]), "--seat", "ben")
+    ben = fronts.join(1, "cellar", link=link)
+    ben.hear("ben holds")
+    listed = fronts.ask(1, "token", "list")
+    assert re.search(rf"{jti}  good +ben ", listed), listed
+    fronts.ask(1, "token", "keys", "remove", university.kid)
     ben.hear("revoked")
     assert ben.end() == 1
     assert "anna was kicked" in fronts.ask(1, "kick", "anna", "--room", "attic")

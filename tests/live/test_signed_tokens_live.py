@@ -4,13 +4,10 @@ Each refusal is read on both sides, the resumption of a seat after a kill of the
 """
 
 import re
-import secrets
 import signal
-import subprocess
 import sys
 import time
 from collections.abc import Callable, Iterator
-from pathlib import Path
 
 import pytest
 
@@ -19,39 +16,12 @@ from cogrip.protocol.wire.join_link import JoinLink, parse_link
 from tests.live.held_arms import Spoken, fairly
 from tests.live.test_unauthenticated_peers import PULL, Server, join
 from tests.live.test_workers import Rooms
+from tests.live.university import University
 
 pytestmark = pytest.mark.skipif(sys.platform != "linux", reason="reads what Linux says of addresses and processes")
 
-MINT = Path(__file__).parents[2] / "docs" / "examples" / "login" / "mint_token.py"
 LIMIT_S = 60.0
 __all__ = ["join"]  # a fixture
-
-
-class University:
-    """A key pair that openssl made, and the example program that mints with it."""
-
-    def __init__(self, folder: Path, kid: str) -> None:
-        kid = f"{kid}-{secrets.token_hex(3)}"  # another one where a test is tried again
-        self.kid, self.private, self.public = kid, folder / f"{kid}.pem", folder / f"{kid}.public.pem"
-        self._openssl("genpkey", "-algorithm", "ed25519", "-out", self.private)
-        self._openssl("pkey", "-in", self.private, "-pubout", "-out", self.public)
-
-    @staticmethod
-    def _openssl(*words: object) -> None:
-        subprocess.run(["openssl", *map(str, words)], check=True, capture_output=True, timeout=LIMIT_S)
-
-    def mint(self, link: JoinLink, *terms: str, code: str = "") -> tuple[str, str]:
-        """Return link and jti for the server of a link. code: runs before the program, in its process"""
-        server = f"cogrip://{link.host}:{link.port}#{link.fingerprint}"
-        begin = (
-            ["-c", f"{code}\nimport runpy; runpy.run_path({str(MINT)!r}, run_name='__main__')"] if code else [str(MINT)]
-        )
-        made = subprocess.run(
-            [sys.executable, "-I", *begin, str(self.private), "--kid", self.kid, "--server", server, "--room", link.room,
-             *terms],
-            capture_output=True, text=True, timeout=LIMIT_S, check=True,
-        )  # fmt: skip
-        return made.stdout.strip(), made.stderr.split()[1]
 
 
 def earlier(seconds: float) -> str:
@@ -174,7 +144,8 @@ def test_people_of_several_workers_come_and_go_by_signed_tokens(start, tmp_path)
     again = start("join", link, "--no-report", "--runs", tmp_path / "again", *PULL)
     assert again.end() == 1
     assert "this token was used already" in again.said
-    assert re.search(rf"{jti}  (good|used) +ben ", listed := rooms.ask("token", "list")), listed
+    listed = rooms.ask("token", "list")
+    assert re.search(rf"{jti}  (good|used) +ben ", listed), listed
     assert f"{jti} is revoked" in rooms.ask("token", "revoke", jti)
     assert ben.end() == 1
     assert "kicked: the token was revoked" in ben.said
