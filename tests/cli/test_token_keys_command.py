@@ -8,10 +8,10 @@ from typing import Any
 
 import pytest
 
+from cogrip.server.administration.orders import ReloadOrder, WhoOrder
 from cogrip.server.admission.admission import Denied, Grant
 from cogrip.server.admission.roster import RosterEntry
 from cogrip.server.admission.signed_tokens import SignedTokens
-from cogrip.server.io.control import ReloadOrder, WhoOrder
 from cogrip.server.io.state_folder import ServerRecord, StateFolder, make_folder, write_server
 from cogrip.server.io.token_file import TokenFile
 

@@ -433,3 +433,26 @@ def test_a_flood_of_signatures_is_said_once_and_its_hellos_come_again(signed) ->
     ]
     assert answers[-6:].count(None) == 5
     assert [each.text for each in signed.said] == [TOO_MANY]
+
+
+def test_signed_tokens_of_a_room_that_was_closed_are_void_also_once_its_name_is_given_again(signed) -> None:
+    old, unseen, other = UNI.token(), UNI.token(jti="never-shown-here"), UNI.token(jti="of-another-room", room="hall")
+    authenticator = signed.authenticator()
+    assert isinstance(authenticator.admit(hello(old)), Grant)
+    authenticator.revoke_room("lab")
+    authenticator.revoke_room("lab")
+    closed = Denied(
+        "token", "this token was made before its room was closed, at 2027-01-15 08:00 UTC; ask for a new link"
+    )
+    for token in (old, unseen):
+        assert authenticator.admit(hello(token)) == closed
+        assert authenticator.shown(hello(token)) is None
+    assert isinstance(authenticator.admit(hello(other)), Grant)
+    authenticator.close()
+    after = signed.authenticator()
+    assert after.admit(hello(old)) == closed, "the next server knows too"
+    signed.now_s = NOW_S + LEEWAY_S + 1
+    at_s = int(signed.now_s)
+    late = UNI.token(jti="made-afterwards", iat=at_s, exp=at_s + 60)
+    assert isinstance(after.admit(hello(late)), Grant)
+    assert isinstance(after.admit(hello(UNI.token(iat=at_s - 1, exp=at_s + 60))), Denied), "clocks may differ so much"

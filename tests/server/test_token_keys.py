@@ -14,7 +14,15 @@ from hypothesis import strategies as st
 from joserfc.jwk import KeySet, OctKey, OKPKey
 
 from cogrip.server.admission.token_keys import MOST_KEYS, KeyFileError, TokenKey, read_keys
-from cogrip.server.admission.tokens import TokenBook, TokenError, UnknownTokenError, decode_book, encode_book
+from cogrip.server.admission.tokens import (
+    MOST_CLOSED,
+    SPENT_S,
+    TokenBook,
+    TokenError,
+    UnknownTokenError,
+    decode_book,
+    encode_book,
+)
 
 from tests.server.signers import JTI, NOW_S, SECRET, SecretSigner, Signer
 
@@ -121,6 +129,7 @@ def test_keys_and_void_tokens_are_written_and_read_again() -> None:
     book = TokenBook().add_key(UNI.key()).add_key(SecretSigner().key("lab"))
     book = book.spend(JTI, "use", NOW_S + 60, NOW_S).spend("another-one", "revoke", NOW_S + 60, NOW_S)
     book, _ = book.new("a" * 22, NOW_S)
+    book = book.close_room("group 7", NOW_S)
     assert decode_book(encode_book(book)) == book
     assert encode_book(TokenBook()) == b'{"version":1,"tokens":[\n\n]}\n', "as before there were keys"
 
@@ -136,6 +145,19 @@ def test_a_name_stands_for_one_key() -> None:
     with pytest.raises(TokenError, match="there are 16 keys, and at most 16 are kept; remove some first"):
         book.add_key(Signer("more").key())
     assert book.remove_key("uni").key("uni") is None
+
+
+def test_the_last_closed_rooms_are_kept_for_as_long_as_a_token_lasts() -> None:
+    book = TokenBook()
+    for number in range(MOST_CLOSED + 1):
+        book = book.close_room(f"group {number}", NOW_S + number)
+    assert len(book.closed) == MOST_CLOSED
+    assert (book.closed_at("group 0"), book.closed_at("group 1")) == (None, NOW_S + 1)
+    assert book.close_room("group 1", NOW_S + 1) is book
+    again = book.close_room("group 1", NOW_S + 9000)
+    assert again.closed_at("group 1") == NOW_S + 9000
+    assert len(decode_book(encode_book(again)).closed) == MOST_CLOSED
+    assert len(book.close_room("x", NOW_S + SPENT_S + 100).closed) == MOST_CLOSED - 100 + 1
 
 
 KEY = json.dumps(msgspec.to_builtins(UNI.key()))

@@ -112,8 +112,11 @@ def check_signature(token: str, book: TokenBook) -> Signed:
         raise SignedTokenError(f"has claims that cannot be: {where.strip('.`') or 'claims'}: {text}") from None
 
 
-def check_claims(signed: Signed, audience: str, now_s: float) -> None:
-    """Check a token against place and date. Raises SignedTokenError. audience: fingerprint of this server"""
+def check_claims(signed: Signed, audience: str, now_s: float, book: TokenBook) -> None:
+    """Check a token against place, date and rooms that were closed. Raises SignedTokenError.
+
+    audience: fingerprint of this server
+    """
     claims = signed.claims
     if claims.aud not in {audience, signed.key.audience} - {""}:
         raise SignedTokenError("is for another server (aud)")
@@ -124,6 +127,8 @@ def check_claims(signed: Signed, audience: str, now_s: float) -> None:
         raise SignedTokenError(f"is good from {date_text(begins)} on, and here it is {date_text(now_s)}")
     if now_s >= claims.exp + LEEWAY_S:
         raise SignedTokenError(f"has expired, at {date_text(claims.exp)}")
+    if (closed := book.closed_at(claims.room)) is not None and claims.iat <= closed + LEEWAY_S:
+        raise SignedTokenError(f"was made before its room was closed, at {date_text(closed)}")
 
 
 class SignedTokens:
@@ -146,7 +151,7 @@ class SignedTokens:
             signed = self._checked(token, book)
             if signed is None:
                 return None
-            check_claims(signed, self._audience, now_s)
+            check_claims(signed, self._audience, now_s, book)
         except SignedTokenError as error:
             return Denied("token", f"this token {error}; ask for a new link")
         claims = signed.claims
@@ -163,7 +168,7 @@ class SignedTokens:
             signed = self._checked(token, book)
             if signed is None:
                 return None
-            check_claims(signed, self._audience, now_s)
+            check_claims(signed, self._audience, now_s, book)
         except SignedTokenError:
             return None
         spent = book.spent_of(signed.claims.jti)

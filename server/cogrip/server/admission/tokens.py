@@ -26,9 +26,9 @@ MOST_TOKENS = 400  # most tokens of a room, and most of those for any room. The 
 MOST_IN_BOOK = 2000
 MOST_SPENT = 2000  # most signed tokens that are kept as used or revoked, until each has expired
 MOST_ONCE = 1800  # most of them before no one-time token is taken any more: the rest is for revocations
-SPENT_S = (
-    86_400 + 60
-)  # time for which a signed token stays revoked: by then it has expired (signed_tokens.MOST_LIFE_S, LEEWAY_S)
+# Time for which a signed token stays revoked: by then it has expired (signed_tokens.MOST_LIFE_S, LEEWAY_S).
+SPENT_S = 86_400 + 60
+MOST_CLOSED = 500  # most closed rooms on demand that are kept, for as long; those that were closed first are dropped
 READ_AT_ONCE = 64  # number of tokens that are decoded at once where a tick may be due: some 13 us each
 START_NOTE = "printed at start"
 _USED = "was used already: it is good for one time"
@@ -96,6 +96,13 @@ class SpentToken(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_onl
     revoked: ClockSeconds | None
 
 
+class ClosedRoom(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
+    """Room on demand that was closed: signed tokens made for it before are void, also once its name is given again."""
+
+    room: NameOrAny
+    at: ClockSeconds
+
+
 class StartLink(msgspec.Struct, frozen=True):
     """Standing token that the server prints when it starts."""
 
@@ -116,12 +123,14 @@ class TokenBook(msgspec.Struct, frozen=True, forbid_unknown_fields=True, dict=Tr
 
     keys   of signed tokens
     spent  signed tokens that were used up or revoked, until they expire
+    closed  rooms on demand that were closed, until the signed tokens for them have expired
     """
 
     version: Literal[1] = VERSION
     tokens: tuple[Token, ...] = ()
     keys: tuple[TokenKey, ...] = ()
     spent: tuple[SpentToken, ...] = ()
+    closed: tuple[ClosedRoom, ...] = ()
 
     def new(
         self,
@@ -254,6 +263,18 @@ class TokenBook(msgspec.Struct, frozen=True, forbid_unknown_fields=True, dict=Tr
         full = once and len(self.spent) >= MOST_ONCE <= add_integers(each.until > now_s for each in self.spent)
         return "is good for one time, and no more of those can be remembered here before others expire" if full else ""
 
+    def close_room(self, room: str, now_s: float) -> "TokenBook":
+        """Return the book in which signed tokens that were made for this room until now are void."""
+        before = self.closed_at(room)
+        if before is not None and before >= int(now_s):
+            return self
+        kept = [each for each in self.closed if each.at > now_s - SPENT_S and each.room != room]
+        return replace(self, closed=(*kept[-MOST_CLOSED + 1 :], ClosedRoom(room=room, at=int(now_s))))
+
+    def closed_at(self, room: str) -> int | None:
+        """Return when this room was closed last; None where that is not known, or longer ago than any token lasts."""
+        return next((each.at for each in self.closed if each.room == room), None)
+
     @functools.cached_property
     def _by_jti(self) -> dict[str, SpentToken]:
         return {each.jti: each for each in self.spent}
@@ -355,6 +376,7 @@ class _Texts(msgspec.Struct, forbid_unknown_fields=True):
     tokens: list[msgspec.Raw] = []
     keys: Annotated[tuple[TokenKey, ...], msgspec.Meta(max_length=MOST_KEYS)] = ()
     spent: list[msgspec.Raw] = []
+    closed: Annotated[tuple[ClosedRoom, ...], msgspec.Meta(max_length=MOST_CLOSED)] = ()
 
 
 _token_of = msgspec.json.Decoder(Token).decode
@@ -374,7 +396,7 @@ class BookReading:
                 raise TokenError(f"version = {repr(version)[:20]}, and this cogrip knows {VERSION}")
             read = msgspec.json.decode(data, type=_Texts)
             self._texts = [bytes(text) for text in (*read.tokens, *read.spent)]
-            self._keys, self._tokens = read.keys, len(read.tokens)
+            self._keys, self._closed, self._tokens = read.keys, read.closed, len(read.tokens)
         except (msgspec.DecodeError, UnicodeDecodeError, RecursionError) as error:
             raise TokenError(_readable(error)) from None
         known = known or {}
@@ -417,13 +439,13 @@ class BookReading:
             if name in seen:
                 raise TokenError(f"token {name} stands twice")
             seen.add(name)
-        return TokenBook(tokens=tokens, keys=self._keys, spent=spent)
+        return TokenBook(tokens=tokens, keys=self._keys, spent=spent, closed=self._closed)
 
 
 def encode_book(book: TokenBook) -> bytes:
     """Return the book as JSON text, a token a line; keys and spent tokens where there are any."""
     parts = [b'"%b":[\n%b\n]' % (name, b",\n".join(map(msgspec.json.encode, rows))) for name, rows in (
-        (b"tokens", book.tokens), (b"keys", book.keys), (b"spent", book.spent)
+        (b"tokens", book.tokens), (b"keys", book.keys), (b"spent", book.spent), (b"closed", book.closed)
     ) if rows or name == b"tokens"]  # fmt: skip
     return b'{"version":%d,%b}\n' % (book.version, b",".join(parts))
 

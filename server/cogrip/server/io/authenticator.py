@@ -34,14 +34,16 @@ AGAIN_S = 5.0  # time after which what could not be written is tried again
 class TokenChange(NamedTuple):
     """One change of one token."""
 
-    what: Literal["use", "revoke"]
-    id: str
+    what: Literal["use", "revoke", "close"]
+    id: str  # public id of the token; name of the room that is closed
     at_s: float
     until_s: float = 0.0  # when a signed token has expired anyway
 
     def on(self, book: TokenBook) -> TokenBook:
         """Return the book with this change; unchanged where the token was removed, or the book takes no more."""
         try:
+            if self.what == "close":
+                return book.close_room(self.id, self.at_s)
             if is_jti(self.id):
                 return book.spend(self.id, self.what, self.until_s, self.at_s)
             return (book.use if self.what == "use" else book.revoke)(self.id, self.at_s)
@@ -112,11 +114,13 @@ class TokenAuthenticator:
         self._apply(TokenChange("revoke", ident, now_s, now_s + SPENT_S))
 
     def revoke_room(self, room: str) -> None:
-        """Revoke all tokens that are for this room alone, those that were made a moment ago too."""
+        """Revoke all tokens that are for this room alone, those that were made a moment ago too, and signed ones."""
         self._read(forced=True)
         for token in self._book.tokens:
             if token.room == room and token.revoked is None:
                 self.revoke(token.id)
+        if self._book.keys:
+            self._apply(TokenChange("close", room, self._wall_s()))
 
     def revoked(self) -> set[str]:
         """Return the ids of tokens revoked since the last call; of all at the first, as restored seats may be of them."""
