@@ -45,7 +45,19 @@ def test_text_is_the_words_and_json_has_the_fields_that_are_set():
 
 @pytest.mark.parametrize("event", EVENTS)
 def test_events_for_an_administrator_are_warnings(event):
-    information = ("joined", "observes", "resumed", "left", "restored", "reloaded", "marker", "hand", "trigger")
+    information = (
+        "joined",
+        "observes",
+        "resumed",
+        "left",
+        "restored",
+        "reloaded",
+        "opened",
+        "closed",
+        "marker",
+        "hand",
+        "trigger",
+    )
     level = json.loads(said("json", ServerEvent(event, "x")))["level"]
     assert level == ("info" if event in information else "warning")
     assert set(WARNINGS) <= set(EVENTS)

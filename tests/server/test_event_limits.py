@@ -37,4 +37,4 @@ def test_a_flood_of_events_becomes_some_lines_and_a_count(event: str, monkeypatc
 
 
 def test_only_what_the_administrator_and_the_server_itself_do_is_said_every_time() -> None:
-    assert set(EVENTS) - set(UNAUTHENTICATED_EVENTS) == {"restored", "reloaded", "trouble"}
+    assert set(EVENTS) - set(UNAUTHENTICATED_EVENTS) == {"restored", "reloaded", "opened", "closed", "trouble"}

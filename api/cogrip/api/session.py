@@ -66,6 +66,7 @@ class Session:
         self._clients: list[Client] = []
         self._failed: dict[str, str] = {}
         self._stop = Stop()
+        self._state: tempfile.TemporaryDirectory[str] | None = None  # of the server
 
     def __enter__(self) -> Self:
         with as_api_error():
@@ -182,7 +183,8 @@ class Session:
             log = self.folder / ("server.log" if name == SERVER else client_log(name))
             self._failed.setdefault(name, how_ended(self._children[name], log))
         self._children.clear()
-        self._state.cleanup()
+        if self._state is not None:
+            self._state.cleanup()
         self._stop.reason = "the session is over"
         for thread in self._threads:
             thread.join()
