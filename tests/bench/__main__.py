@@ -18,6 +18,7 @@ BENCHES = {  # each is the function bench_NAME of tests.bench.NAME, with _ for -
     "drawing": "Compare the page's pictures of twenty scenes with MuJoCo's own renderer, pixel by pixel.",
     "gates": "Put random sessions of partners' models, some of whose people lie, to the law of their energy gates.",
     "guard": "Look whether a guard within a session could find faults of a device early, and no hand: three statistics.",
+    "hosts": "Measure memory, threads and ports of hosts of a Ray cluster and their rooms, beside an ordinary server.",
     "idle": "Measure what rooms without people cost a server, beside those in use.",
     "impaired": "Run whole sessions on every impaired network: each must be passive and hold; the baselines must fail.",
     "killed": "Kill workers of a server with -9: time until all are back, steps of force, the other rooms.",
