@@ -38,6 +38,7 @@ BENCHES = {  # each is the function bench_NAME of tests.bench.NAME, with _ for -
     "tick": "Measure a client's tick with each coupling, and the same session with plain wave lines beside it.",
     "tokens": "Measure what a token in a hello costs a server: stored, signed, known, wrong.",
     "trial": "Try motors before a seat on emulated arms with each fault, and with none: what is named, what is not.",
+    "upgrade": "Start the hosts of a Ray cluster anew one by one under people: seats lost, silences, steps of force.",
     "velocity": "Compare velocity estimators on recorded hands and in sessions, and report the impedance each device carries.",
     "view": "Measure a 1 kHz client beside tabs, a tab that hangs, 50 tabs, and how soon the server feels a pointer.",
     "workers": "Measure how many more people several workers carry than one process, and what people cost under a flood.",

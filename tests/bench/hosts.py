@@ -94,8 +94,7 @@ def _of_cluster(base: Path, hosts: int, rooms: int, stack: ExitStack) -> tuple[l
     started = [stack.enter_context(_ray(environ, "--head", f"--port={port}", f"--temp-dir={base}/ray"))]
     _until(lambda: _answers(address), "the head listens")
     times_s = {"ray start --head, until it listens": time.monotonic() - begun_s}
-    for _ in range(hosts - 1):
-        started.append(stack.enter_context(_ray(environ, f"--address={address}")))
+    started += [stack.enter_context(_ray(environ, f"--address={address}")) for _ in range(hosts - 1)]
     _until(lambda: all(_workers(pid) for pid in started), "every host has its first worker")
     time.sleep(SETTLE_S)
     names = ["head", *["another host"] * (hosts - 1)]
@@ -108,7 +107,8 @@ def _of_cluster(base: Path, hosts: int, rooms: int, stack: ExitStack) -> tuple[l
         environ, "serve", *map(str, configs), "--cluster", f"ray://{address}", "--encrypted", "--port", str(free_port()),
         "--state", f"{base}/front", "--shared", str(shared), "--runs", f"{base}/runs", "--no-report", "--no-links",
     ))  # fmt: skip
-    wait_for_line(front, rf"(?s)(room \w+ is served at \S+.*?){{{rooms}}}")
+    for _ in range(rooms):
+        wait_for_line(front, r"room \w+ is served at \S+")
     times_s[f"cogrip serve --cluster, until its {rooms} rooms are served"] = time.monotonic() - begun_s
     time.sleep(SETTLE_S)
     takings.append(_taken("front and its connection", descendants(front.pid)))
@@ -127,8 +127,8 @@ def _of_server(base: Path, rooms: int, stack: ExitStack) -> tuple[list[Taken], d
     environ, state = dict(os.environ), f"{base}/state"
     begun_s = time.monotonic()
     server = stack.enter_context(_cogrip(
-        environ, "serve", "--template", f"{DEMO}:{rooms}", "--encrypted", "--port", str(free_port()), "--state", state, "--runs",
-        f"{base}/runs", "--no-report", "--no-links", "--metrics", "0",
+        environ, "serve", "--template", f"{DEMO}:{rooms}", "--encrypted", "--port", str(free_port()), "--state", state,
+        "--runs", f"{base}/runs", "--no-report", "--no-links",
     ))  # fmt: skip
     wait_for_line(server, r"listening on")
     times_s = {f"cogrip serve --template {DEMO.name}:{rooms}, until it listens": time.monotonic() - begun_s}

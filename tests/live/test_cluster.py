@@ -1,11 +1,13 @@
 """Rooms on the hosts of a Ray cluster: real raylets, real fronts and people, real kills with -9, a drained host, orders."""
 
+import os
 import re
 import secrets
 import signal
 import subprocess
 import sys
 from collections.abc import Callable, Iterator, Sequence
+from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
@@ -65,7 +67,8 @@ class Fronts:
                 base / "rooms", *flags,
             ))  # fmt: skip
         for process in self.processes:
-            process.hear(rf"(?s)(room \w+ is served at \S+.*?){{{len(rooms)}}}")
+            for _ in rooms:
+                process.hear(r"room \w+ is served at \S+")
 
     def link(self, front: int, room: str) -> str:
         """Return a player's link of this front."""
@@ -126,6 +129,13 @@ def home_of(fronts: Fronts, room: str) -> str:
     return re.findall(rf"room {room} is served at (\S+)", fronts.processes[0].said)[-1]
 
 
+def terminate(node: Any) -> None:
+    """Send SIGTERM to each process of a host, as a service manager does."""
+    for pid in descendants(raylet_of(node)):
+        with suppress(ProcessLookupError):
+            os.kill(pid, signal.SIGTERM)
+
+
 def rooms_of(node: Any) -> list[int]:
     """Return the processes of rooms, and their template, on a host."""
     return [pid for pid in descendants(raylet_of(node)) if b"cluster_room" in Path(f"/proc/{pid}/cmdline").read_bytes()]
@@ -174,6 +184,25 @@ def test_a_host_is_drained_and_nobody_loses_a_seat(start, serve, cluster, other)
         person.hear("the server answers again: force ramps in")
     assert "4 in 4 rooms" in fronts.ask(0, "who")
     leave(*moving)
+
+
+@fairly
+def test_a_host_that_gets_sigterm_hands_its_rooms_over(start, serve, cluster, other):
+    """A service manager sends it to each process of the host at once: Ray's, the actor's, the rooms', the recorders'."""
+    fronts = serve()
+    people = {room: fronts.join(number, room) for number, room in enumerate(ROOMS)}
+    if len(rooms_of(other)) < 2:
+        pytest.skip(f"{MACHINE_STALLED}: a host was not ready when the rooms were placed")
+    terminate(other)
+    moved = fronts.processes[0].hear(r"room (\w+) is served at")[1]
+    person = people.pop(moved)
+    person.hear("resumed after")
+    person.hear("the server answers again: force ramps in")
+    (stayed,) = people.values()
+    assert "trying to resume" not in stayed.said
+    assert "2 in 2 rooms" in fronts.ask(0, "who")
+    until(lambda: not rooms_of(other), "the processes of the host's rooms have ended")
+    leave(person)
 
 
 @fairly
