@@ -65,8 +65,9 @@ def bench_upgrade(*, hosts: int = 3, people: int = 20, device_hz: int = 1024, js
     os.environ |= {"RAY_gcs_rpc_server_reconnect_timeout_s": RECONNECT_S}
     with commands() as (start, base), raylets(hosts - 1) as cluster:
         try:
-            steps, everybody = _upgrade(cluster, start, base, people, device_hz, console.print)
-            forces = {name: _steps_n(person, [step.at_ns for step in steps]) for name, person in everybody.items()}
+            steps, everybody, end_ns = _upgrade(cluster, start, base, people, device_hz, console.print)
+            bounds_ns = [*(step.at_ns for step in steps), end_ns]
+            forces = {name: _steps_n(person, bounds_ns) for name, person in everybody.items()}
         except AssertionError as error:
             raise Problem(f"the session did not come to its end: {error}") from None
     rows, worst_n = [], 0.0
@@ -77,7 +78,7 @@ def bench_upgrade(*, hosts: int = 3, people: int = 20, device_hz: int = 1024, js
     heading = "", "people\nmoved", "longest\nsilence [s]", f"largest step [N],\nasked {MOST_STEP_N:g}"
     console.print(plain_table(heading, rows, left=1))
     well = worst_n <= MOST_STEP_N
-    console.print(f"{people} people, {len(steps)} hosts: nobody lost the seat; steps of force {reached(well)}")
+    console.print(f"{people} people, {hosts} hosts: nobody lost the seat; steps of force {reached(well)}")
     if json is not None:
         write_json({"steps": msgspec.to_builtins(steps), "forces_n": forces, "reached": well}, json)
     return 0 if well else 1
@@ -85,8 +86,11 @@ def bench_upgrade(*, hosts: int = 3, people: int = 20, device_hz: int = 1024, js
 
 def _upgrade(
     cluster: Any, start: Callable[..., Spoken], base: Path, people: int, device_hz: int, say: Callable[[str], None]
-) -> tuple[list[Step], dict[str, Spoken]]:
-    """Take down and start again every host. Raises Problem where somebody loses the seat."""
+) -> tuple[list[Step], dict[str, Spoken], int]:
+    """Take down and start again every host. Returns also when the people were asked to leave (Unix time).
+
+    Raises Problem where somebody loses the seat.
+    """
     rooms = tuple(f"room{number}" for number in range((people + PER_ROOM - 1) // PER_ROOM))
     fronts = Fronts(start, base, cluster.address, rooms, "--set", f"rates.device_hz={device_hz}")
     everybody = {}
@@ -144,9 +148,10 @@ def _upgrade(
         return rooms
 
     step("head and then all hosts started again", start_head)
+    end_ns = time.time_ns()
     let_go(everybody)
     fronts.end()
-    return steps, everybody
+    return steps, everybody, end_ns
 
 
 def _wait(good: Callable[[], bool], everybody: dict[str, Spoken], what: str, quiet_s: float = 0.0) -> None:
@@ -164,12 +169,12 @@ def _wait(good: Callable[[], bool], everybody: dict[str, Spoken], what: str, qui
         time.sleep(0.05)
 
 
-def _steps_n(person: Spoken, begins_ns: list[int]) -> list[float]:
+def _steps_n(person: Spoken, bounds_ns: list[int]) -> list[float]:
     """Return the largest change of the force between two ticks that follow each other, in each step of the upgrade [N]."""
     end = recording_of(person)
     columns = end.columns("tick", "tick", "force_n")
     steps_n = np.linalg.norm(np.diff(columns["force_n"], axis=0), axis=1)
     follows, since_s = np.diff(columns["tick"]) == 1, columns["time_s"][1:]
-    bounds_s = [*((at_ns - end.recording.header.epoch_ns) * 1e-9 for at_ns in begins_ns), np.inf]
+    bounds_s = [(at_ns - end.recording.header.epoch_ns) * 1e-9 for at_ns in bounds_ns]
     spans = [follows & (since_s >= first) & (since_s < last) for first, last in pairwise(bounds_s)]
     return [float(np.max(steps_n[span], initial=0.0)) for span in spans]
