@@ -26,7 +26,7 @@ from cogrip.protocol.io.cluster_address import ClusterError, probe
 
 from tests.bench.children import ROOT, start_cogrip, wait_for_line
 from tests.free_ports import free_port
-from tests.live.raylets import descendants, kill
+from tests.live.raylets import descendants, kill, ray_host
 
 DEMO = ROOT / "configs" / "demo.toml"
 LIMIT_S = 120.0
@@ -91,10 +91,10 @@ def _of_cluster(base: Path, hosts: int, rooms: int, stack: ExitStack) -> tuple[l
     port = free_port()
     begun_s = time.monotonic()
     address = f"127.0.0.1:{port}"
-    started = [stack.enter_context(_ray(environ, "--head", f"--port={port}", f"--temp-dir={base}/ray"))]
+    started = [stack.enter_context(ray_host(environ, "--head", f"--port={port}", f"--temp-dir={base}/ray")).pid]
     _until(lambda: _answers(address), "the head listens")
     times_s = {"ray start --head, until it listens": time.monotonic() - begun_s}
-    started += [stack.enter_context(_ray(environ, f"--address={address}")) for _ in range(hosts - 1)]
+    started += [stack.enter_context(ray_host(environ, f"--address={address}")).pid for _ in range(hosts - 1)]
     _until(lambda: all(_workers(pid) for pid in started), "every host has its first worker")
     time.sleep(SETTLE_S)
     names = ["head", *["another host"] * (hosts - 1)]
@@ -160,20 +160,6 @@ def _configs(base: Path, rooms: int) -> list[Path]:
     for path in paths:
         path.write_text(DEMO.read_text("utf-8").replace('name = "demo"', f'name = "{path.stem}"'), "utf-8")
     return paths
-
-
-@contextmanager
-def _ray(environ: dict[str, str], *words: str) -> Iterator[int]:
-    """Start a host of a cluster; yields the process that has started all of it."""
-    process = subprocess.Popen(
-        [str(Path(sys.executable).parent / "ray"), "start", "--block", *words], env=environ, stdin=subprocess.DEVNULL,
-        stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL, start_new_session=True,
-    )  # fmt: skip
-    try:
-        yield process.pid
-    finally:
-        kill(descendants(process.pid))
-        process.wait()
 
 
 @contextmanager

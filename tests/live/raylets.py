@@ -11,7 +11,7 @@ import subprocess
 import sys
 import time
 import warnings
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import Any
@@ -97,6 +97,20 @@ def main(port: int) -> None:
         head = [each.process.pid for kind in cluster.head_node.all_processes.values() for each in kind]
         print(json.dumps({"address": cluster.address, "head": head, "raylet": raylet_of(node)}), flush=True)
         sys.stdin.read()
+
+
+@contextmanager
+def ray_host(environ: Mapping[str, str], *words: str) -> Iterator[subprocess.Popen[bytes]]:
+    """Start a host as its administrator does, by `ray start --block`; yields that process, of which all others descend."""
+    process = subprocess.Popen(
+        [str(Path(sys.executable).parent / "ray"), "start", "--block", *words], env=environ, stdin=subprocess.DEVNULL,
+        stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL, start_new_session=True,
+    )  # fmt: skip
+    try:
+        yield process
+    finally:
+        kill(descendants(process.pid))
+        process.wait()
 
 
 def descendants(pid: int) -> list[int]:

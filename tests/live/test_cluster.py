@@ -17,7 +17,7 @@ from cogrip.protocol.wire.join_link import parse_link
 
 from tests.free_ports import free_port
 from tests.live.held_arms import DEMO, Spoken, fairly, until
-from tests.live.raylets import NODE, descendants, kill, raylet_of, raylets
+from tests.live.raylets import NODE, descendants, kill, ray_host, raylet_of, raylets
 from tests.live.test_unauthenticated_peers import MOST_STEP_N, PULL, before_silence, largest_step_n, recording_of
 from tests.live.university import University
 from tests.stalls import MACHINE_STALLED
@@ -138,7 +138,12 @@ def terminate(node: Any) -> None:
 
 def rooms_of(node: Any) -> list[int]:
     """Return the processes of rooms, and their template, on a host."""
-    return [pid for pid in descendants(raylet_of(node)) if b"cluster_room" in Path(f"/proc/{pid}/cmdline").read_bytes()]
+    return processes_of_rooms(raylet_of(node))
+
+
+def processes_of_rooms(leader: int) -> list[int]:
+    """Return those of them that descend from this process."""
+    return [pid for pid in descendants(leader) if b"cluster_room" in Path(f"/proc/{pid}/cmdline").read_bytes()]
 
 
 @fairly
@@ -184,6 +189,27 @@ def test_a_host_is_drained_and_nobody_loses_a_seat(start, serve, cluster, other)
         person.hear("the server answers again: force ramps in")
     assert "4 in 4 rooms" in fronts.ask(0, "who")
     leave(*moving)
+
+
+@fairly
+def test_a_host_whose_ray_gets_sigterm_is_drained_before_ray_ends(start, tmp_path, cluster):
+    """`ray start --block`, as the first process of a container, gets it alone; all others end with it at once."""
+    with ray_host(os.environ, f"--address={cluster.address}", "--num-cpus=8") as host:
+        until(lambda: bool(processes_of_rooms(host.pid)), "the host is ready for rooms")
+        fronts = Fronts(start, tmp_path, cluster.address)
+        people = [fronts.join(number, room) for number, room in enumerate(ROOMS)]
+        if len(processes_of_rooms(host.pid)) < 1 + len(ROOMS):
+            pytest.skip(f"{MACHINE_STALLED}: the host was not ready when the rooms were placed")
+        host.terminate()
+        for person in people:
+            person.hear("resumed after")
+            person.hear("the server answers again: force ramps in")
+        until(lambda: host.poll() is not None, "Ray has ended by itself")
+    assert "2 in 2 rooms" in fronts.ask(0, "who")
+    leave(*people)
+    fronts.end()
+    for front in fronts.processes:
+        assert "room lost with its host" not in front.said
 
 
 @fairly

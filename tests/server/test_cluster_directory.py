@@ -95,7 +95,10 @@ def test_a_drained_host_hands_its_rooms_over_and_gets_none(cluster: Cluster) -> 
     assert ok
     moved = next(start.room for start in cluster.started if start.host == "aaaa1111")
     assert f"its rooms move: {moved}" in text
+    assert not cluster.directory.is_empty("aaaa1111")
     cluster.pass_by(2.0)
+    assert cluster.directory.is_empty("aaaa1111")
+    assert not cluster.directory.is_empty("bbbb2222"), "it is not drained"
     assert cluster.started[-1] == ProcessStart(moved, 2, "bbbb2222", b"job", f"{moved} 1")
     assert (cluster.directory.moved, cluster.directory.lost) == (1, 0)
     assert set(cluster.where().values()) == {"bbbb2222:1", "bbbb2222:2"}

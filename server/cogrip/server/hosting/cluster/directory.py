@@ -182,6 +182,12 @@ class Directory:
         moving = f"its rooms move: {', '.join(rooms)}" if rooms else "it has no rooms"
         return f"no room is placed on {found[0].address} ({found[0].name[:8]}) any more; {moving}", True
 
+    def is_empty(self, host: str) -> bool:
+        """Return whether a host is drained, by its name, and has no room any more."""
+        there = {room.host for room in self._rooms.values()}
+        there |= {room.serving.host for room in self._rooms.values() if room.serving}
+        return host in self._drained and host not in there
+
     def look(self, hosts: Sequence[Host], now_s: float, all_reported: bool = True) -> list[ProcessStart]:
         """Return the processes that are to be started now, on these hosts. all_reported: no other host has said nothing yet."""
         self._pass(now_s)

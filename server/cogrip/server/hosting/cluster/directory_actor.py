@@ -24,6 +24,8 @@ class DirectoryActor:
         self._nodes_s = float("-inf")
         self._reported_s: dict[str, float] = {}  # hosts, and when their actors reported last
         self._started: dict[str, float] = {}
+        self._leaving: set[str] = set()  # hosts that Ray drains: `ray start --block` had SIGTERM there
+        self._emptied: set[str] = set()
         self._lines = GatheredLines()
 
     def front(self, place: str, jobs: Mapping[str, bytes], next_line: int | None) -> ClusterState:
@@ -66,6 +68,7 @@ class DirectoryActor:
 
     def _living(self) -> list[Host]:
         import ray
+        from ray._private.state import state
 
         now_s = time.monotonic()
         if now_s - self._nodes_s > HOSTS_S:
@@ -75,6 +78,9 @@ class DirectoryActor:
                 for node in ray.nodes()
                 if node["Alive"]
             ]
+            for host in state.get_draining_nodes():
+                self._leaving.add(host)
+                self._directory.drain(host, self._nodes)  # refused while it is the last one, and asked again
         return self._nodes
 
     def _ready(self) -> list[Host]:
@@ -83,10 +89,11 @@ class DirectoryActor:
         return [each for each in self._living() if now_s - self._reported_s.get(each.name, float("-inf")) < LOST_S]
 
     def _look(self) -> None:
-        """Start what is to be started: rooms, and an actor on each host."""
+        """Start what is to be started: rooms, and an actor on each host. Empty hosts that Ray is to take down."""
         import ray
 
         ready = self._ready()
+        self._empty()
         names = [host.name for host in ready]
         all_reported = all(host.name in self._reported_s for host in self._living())
         for start in self._directory.look(ready, time.monotonic(), all_reported):
@@ -94,9 +101,20 @@ class DirectoryActor:
                 ray.get_actor(actor_of(start.host), NAMESPACE).serve.remote(tuple(start), names)
         now_s = time.monotonic()
         for host in self._living():
-            if host.name not in names and now_s - self._started.get(host.name, float("-inf")) > AGAIN_S:
+            there = host.name in names or host.name in self._leaving
+            if not there and now_s - self._started.get(host.name, float("-inf")) > AGAIN_S:
                 self._started[host.name] = now_s
                 self._start(host)
+
+    def _empty(self) -> None:
+        """Let the rooms of hosts that Ray drains move, and end the actors that have none left: Ray waits for them."""
+        import ray
+
+        for host in self._leaving - self._emptied:
+            if self._directory.is_empty(host):
+                self._emptied.add(host)
+                with suppress(ValueError):
+                    ray.get_actor(actor_of(host), NAMESPACE).end.remote("")
 
     def _start(self, host: Host) -> None:
         """Start the actor of a host, where it is not there."""
