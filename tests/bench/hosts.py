@@ -37,7 +37,7 @@ LOOPBACK = ("127.", "::1")
 
 
 class Taken(msgspec.Struct, frozen=True):
-    """What some processes take. ports: listening or bound, as address:port/kind."""
+    """Memory, threads and ports of some processes. ports: listening or bound, as address:port/kind."""
 
     what: str
     processes: int

@@ -35,7 +35,7 @@ QUIET_S = 3.0
 
 
 class Step(msgspec.Struct, frozen=True):
-    """What became of one host. silence_s: longest one until a person had resumed; at_ns: Unix time of its begin."""
+    """Outcome for one host. silence_s: longest one until a person had resumed; at_ns: Unix time of its begin."""
 
     what: str
     at_ns: int
