@@ -9,6 +9,7 @@ import re
 import sys
 import time
 from collections.abc import Callable, Iterable
+from functools import partial
 from itertools import pairwise
 from pathlib import Path
 from typing import Any
@@ -129,7 +130,7 @@ def _upgrade(
         _wait(lambda: bool(rooms_of(new)), everybody, "the host that was started again is ready for rooms")
 
     for number, node in enumerate(list(cluster.worker_nodes)):
-        step(f"host {number + 1} drained", lambda node=node: drain(node))
+        step(f"host {number + 1} drained", partial(drain, node))
         replace(node)
     head, port = cluster.head_node, int(cluster.address.rpartition(":")[2])
     step("head drained", lambda: drain(head))
