@@ -10,6 +10,7 @@ from pathlib import Path
 import pytest
 
 from tests.free_ports import free_port
+from tests.live.held_arms import until
 
 ROOT = Path(__file__).resolve().parents[2]
 TEXT = (ROOT / "configs" / "Containerfile").read_text("utf-8").replace("\\\n", " ")
@@ -39,7 +40,7 @@ def test_it_starts_says_that_it_is_well_keeps_the_seats_at_its_end_and_then_is_n
     python, *probe = map(placed, words("HEALTHCHECK"))
     assert python == "/opt/cogrip/bin/python"
     well = [sys.executable, *probe]
-    assert subprocess.run(well, capture_output=True, check=False).returncode == 0
+    until(lambda: subprocess.run(well, capture_output=True, check=False).returncode == 0, "the server is well")
     opened = start("room", "new", "demo", "--name", "group 7", "--state", tmp_path)
     assert opened.end() == 0
     assert re.search("^STOPSIGNAL SIGTERM$", TEXT, re.MULTILINE)
