@@ -9,9 +9,12 @@ import pytest
 import cogrip.api as cogrip
 from cogrip.protocol.settings.hand import parsed
 from cogrip.protocol.settings.settable import RoomChange
+from cogrip.protocol.wire.join_link import parse_link
 from cogrip.server.administration.orders import (
+    CloseRoomOrder,
     KickOrder,
     MarkOrder,
+    NewRoomOrder,
     RoomEntry,
     SetHandOrder,
     SetRoomOrder,
@@ -19,7 +22,9 @@ from cogrip.server.administration.orders import (
     WhoOrder,
 )
 from cogrip.server.admission.roster import RosterEntry
-from cogrip.server.io.state_folder import StateFolder, make_folder
+from cogrip.server.admission.tokens import token_hash
+from cogrip.server.io.state_folder import ServerRecord, StateFolder, make_folder, write_server
+from cogrip.server.io.token_file import TokenFile
 
 from tests.cli.answering_server import answering
 
@@ -78,3 +83,27 @@ def test_a_server_that_does_not_run_is_named(folder: StateFolder, tmp_path: Path
         cogrip.Administration(folder.path).who()
     with pytest.raises(cogrip.ApiError, match="nowhere"):
         cogrip.Administration(tmp_path / "nowhere")
+
+
+def test_rooms_and_tokens_have_links(folder: StateFolder) -> None:
+    write_server(folder, ServerRecord("lab.example", 47811, "ab" * 32, {"lab": ["anna"]}, 1, {"lesson": ["anna"]}))
+    group = RoomEntry("group 7", 2, 0, 0, 128, (0.0,), 0.0, "", "lesson", {"class": "physics"})
+
+    def opened(order: Any) -> dict[str, Any]:
+        return {"text": "done", "rooms": (group,)}
+
+    with answering(folder, opened) as orders:
+        server = cogrip.Administration(folder.path)
+        room = server.new_room("lesson", labels={"class": "physics"})
+        server.close_room("group 7")
+    assert orders == [NewRoomOrder("lesson", "", {"class": "physics"}), CloseRoomOrder("group 7")]
+    assert room.name == "group 7"
+    assert {role: parse_link(link).room for role, link in room.links.items()} == dict.fromkeys(
+        ("player", "observer"), "group 7"
+    )
+    link = server.new_token(role="observer", once=True, seconds=60.0, note="visitor")
+    (token,) = [each for each in TokenFile(folder).load().tokens if each.note == "visitor"]
+    assert (token.hash, token.role, token.once) == (token_hash(parse_link(link).token), "observer", True)
+    assert token.expires is not None
+    with pytest.raises(cogrip.ApiError, match="seat"):
+        server.new_token(role="observer", seat="anna")

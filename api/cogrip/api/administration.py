@@ -2,18 +2,39 @@
 
 import asyncio
 import time
-from collections.abc import AsyncIterator, Iterator, Sequence
+from collections.abc import AsyncIterator, Iterator, Mapping, Sequence
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 from cogrip.api.errors import ApiError, as_api_error
-from cogrip.protocol.wire.join_link import DEFAULT_PORT
+from cogrip.cli.admin.room_new import links_of
+from cogrip.cli.admin.state_folder import server_at
+from cogrip.cli.admin.token_new import place_of_link
+from cogrip.protocol.wire.join_link import DEFAULT_PORT, JoinLink
+from cogrip.protocol.wire.messages import Role
 from cogrip.server.administration.operations import AskedOrder, EventFilter, SetBody
-from cogrip.server.administration.orders import KickOrder, MarkOrder, OrderReply, RoomEntry, StatusOrder, WhoOrder
+from cogrip.server.administration.orders import (
+    CloseRoomOrder,
+    KickOrder,
+    MarkOrder,
+    NewRoomOrder,
+    OrderReply,
+    RoomEntry,
+    StatusOrder,
+    WhoOrder,
+)
 from cogrip.server.admission.roster import RosterEntry
 from cogrip.server.events import ServerEvent
 from cogrip.server.io.control import ask, events_of
-from cogrip.server.io.state_folder import StateFolder, find_folder, state_path
+from cogrip.server.io.state_folder import ServerRecord, StateFolder, find_folder, state_path
+from cogrip.server.io.token_file import TokenFile, draw_token
+
+
+class NewRoom(NamedTuple):
+    """Room on demand that was opened. links: by role, "player" and "observer"; secrets."""
+
+    name: str
+    links: Mapping[str, str]
 
 
 class Administration:
@@ -60,6 +81,42 @@ class Administration:
     def rooms(self) -> Sequence[RoomEntry]:
         """Return each room, with place [m] and speed [m/s] of its object."""
         return self._ask(StatusOrder()).rooms
+
+    def new_room(self, template: str, name: str = "", labels: Mapping[str, str] | None = None) -> NewRoom:
+        """Open a room on demand; one is named by the server where `name` is "". An unencrypted server gives no links."""
+        reply = self._ask(NewRoomOrder(template, name, dict(labels or {})))
+        (room,) = reply.rooms
+        server = self._server()
+        with as_api_error():
+            return NewRoom(room.name, links_of(self.folder, server, room.name, "") if server.fingerprint else {})
+
+    def close_room(self, name: str) -> None:
+        """Close a room on demand: whoever is in it is sent out, and its links are void."""
+        self._ask(CloseRoomOrder(name))
+
+    def new_token(
+        self, *, role: Role = "player", room: str = "", seat: str = "", device: str = "", once: bool = False,
+        seconds: float | None = None, note: str = "",
+    ) -> str:  # fmt: skip
+        """Make a token of these terms, good for `seconds` or for ever; return its join link, which is a secret."""
+        server, secret, now_s = self._server(), draw_token(), time.time()
+        if not server.fingerprint:
+            raise ApiError("the server is unencrypted, and asks nobody for a token; serve it with --encrypted")
+        expires = None if seconds is None else int(now_s + seconds)
+        terms: dict[str, Any] = {
+            "role": role, "room": room, "user": seat, "device": device, "once": once, "expires": expires, "note": note
+        }  # fmt: skip
+        with as_api_error():
+            link = JoinLink(*place_of_link("", server), room, server.fingerprint, secret).text
+            TokenFile(self.folder).change(lambda book: book.new(secret, now_s, **terms))
+        return link
+
+    def _server(self) -> ServerRecord:
+        with as_api_error():
+            server = server_at(self.folder)
+        if server is None:
+            raise ApiError(f"{self.folder.path}: no server has been started here; start `cogrip serve` first")
+        return server
 
     def events(self, event: str = "", *, room: str = "", seconds: float | None = None) -> Iterator[ServerEvent]:
         """Give the server's events as they come, of one kind where `event` is given, until it ends or `seconds` are over."""
@@ -117,6 +174,21 @@ class AsyncAdministration:
 
     async def rooms(self) -> Sequence[RoomEntry]:
         return await asyncio.to_thread(self._plain.rooms)
+
+    async def new_room(self, template: str, name: str = "", labels: Mapping[str, str] | None = None) -> NewRoom:
+        return await asyncio.to_thread(self._plain.new_room, template, name, labels)
+
+    async def close_room(self, name: str) -> None:
+        await asyncio.to_thread(self._plain.close_room, name)
+
+    async def new_token(
+        self, *, role: Role = "player", room: str = "", seat: str = "", device: str = "", once: bool = False,
+        seconds: float | None = None, note: str = "",
+    ) -> str:  # fmt: skip
+        make = self._plain.new_token
+        return await asyncio.to_thread(
+            make, role=role, room=room, seat=seat, device=device, once=once, seconds=seconds, note=note
+        )
 
     async def events(
         self, event: str = "", *, room: str = "", seconds: float | None = None

@@ -8,6 +8,7 @@ from cogrip.client.io.paths import JoinError
 from cogrip.devices.device import DeviceError
 from cogrip.protocol.recording.reader import RecordingError
 from cogrip.protocol.settings.table import SettingsError
+from cogrip.server.admission.tokens import TokenError
 from cogrip.server.io.state_folder import StateError
 
 
@@ -20,5 +21,14 @@ def as_api_error() -> Iterator[None]:
     """Raise ApiError in place of the errors that commands print."""
     try:
         yield
-    except (Problem, SettingsError, DeviceError, JoinError, RecordingError, StateError, FileNotFoundError) as error:
+    except (
+        Problem,
+        SettingsError,
+        DeviceError,
+        JoinError,
+        RecordingError,
+        StateError,
+        TokenError,
+        FileNotFoundError,
+    ) as error:
         raise ApiError(str(error)) from error

@@ -63,7 +63,7 @@ def room_new(
     answer, _ = answer_of("room new", order, state, port)
     (room,) = answer.rooms
     assert server is not None  # it has answered
-    links = _links(folder, server, room.name, host)
+    links = links_of(folder, server, room.name, host)
     if json is not None:
         write_json({"room": room.name, "template": room.template, "labels": dict(room.labels), "links": links}, json)
         return 0
@@ -79,7 +79,7 @@ def room_new(
     return 0
 
 
-def _links(folder: StateFolder, server: ServerRecord, room: str, host: str) -> dict[str, str]:
+def links_of(folder: StateFolder, server: ServerRecord, room: str, host: str) -> dict[str, str]:
     """Return a link by role; of an unencrypted server the command by which people join. Raises BadInput, Problem."""
     if not server.fingerprint:
         return {"player": f"cogrip join {place_text((server.host, server.port))} --room '{room}'"}

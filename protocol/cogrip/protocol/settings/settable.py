@@ -60,7 +60,7 @@ NOT_SETTABLE: Mapping[str, str] = {
     "playout": "it is agreed on as a line begins: leave and join again, after a restart",
     "admission": "who is here came in by it: restart, or kick",
     "task": "its measures are of the whole session: restart the room",
-    "effects": "a world tells them as it goes; those of a file are fixed",
+    "effects": "give one a `marker` in its file: `cogrip mark TEXT` begins it",
     "users": "name the person: cogrip set NAME KEY=VALUE",
     "seed": "what was drawn of it is past",
     "seconds": "a session is ended by its people or by Ctrl-C",
