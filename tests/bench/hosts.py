@@ -212,7 +212,7 @@ def _started_anew(shared: Path, room: str) -> float:
         return found
 
     before, begun_s = announced(), time.monotonic()
-    os.kill(before["pid"], signal.SIGKILL)
+    psutil.Process(before["pid"]).kill()
     _until(
         lambda: (now := announced())["number"] > before["number"] and now["state"] == "served", f"{room} is served anew"
     )

@@ -6,12 +6,15 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from msgspec.structs import replace as replace_fields
 
 from cogrip.client.inputs import CloseLedger
-from cogrip.protocol.settings.hand import parsed
+from cogrip.protocol.settings.hand import UNCHANGED, parsed
 from cogrip.protocol.settings.room import resolve
 from cogrip.protocol.settings.settable import RoomChange, room_change
 from cogrip.protocol.wire.accounts import ClientAccount
+from cogrip.protocol.wire.messages import SetHand as Report
+from cogrip.protocol.wire.messages import encode
 from cogrip.results.reading.records import open_run
 from cogrip.results.reading.traces import load_run
 from cogrip.results.replay.verify import verify
@@ -193,6 +196,19 @@ def test_a_restarted_server_goes_on_with_what_was_set() -> None:
     assert world.stiffness[1, 0] == 600.0
     assert laboratory.people[0].core._seat.coupling.b == world.impedance[0, 0] == 10.0
     assert_passive(laboratory)
+
+
+def test_a_client_cannot_say_of_itself_what_spring_it_has() -> None:
+    laboratory = Laboratory(resolve(two()))
+    run_frames(laboratory, 64)
+    seat = laboratory.room.seats[0]
+    report = replace_fields(UNCHANGED, stiffness_npm=1e7, impedance_nspm=3.0)
+    laboratory.server.receive(encode(Report(seat.session, 1, 0, report)), "person 0", laboratory.now_ns)
+    assert seat.hand.holds.stiffness_npm is None
+    run_frames(laboratory, 64)
+    assert laboratory.room.world.stiffness[0, 0] == 600.0
+    assert laboratory.room.world.impedance[0, 0] == 20.0, "it was not told to change it"
+    assert of_laboratory(laboratory)["users"][0]["asked_stiffness_npm"] == 600.0
 
 
 def test_whoever_comes_next_begins_as_the_settings_say() -> None:

@@ -3,6 +3,8 @@
 from collections import deque
 from collections.abc import Sequence
 
+from msgspec.structs import replace
+
 from cogrip.protocol.settings.hand import UNSET, HandChange
 from cogrip.protocol.settings.seat import SeatSettings
 from cogrip.protocol.settings.tool_frame import ToolFrame
@@ -62,7 +64,8 @@ class SentChanges:
         self._told.answered(self.taken)
         if message.number <= self._reported:
             return False
-        self._reported, self.holds = message.number, message.hand.after(self.holds)
+        told = replace(message.hand, stiffness_npm=None, damping_nspm=None)  # of the spring the server knows by itself
+        self._reported, self.holds = message.number, told.after(self.holds)
         return True
 
     def worth_a_line(self, step: int) -> bool:
