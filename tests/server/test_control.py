@@ -18,15 +18,18 @@ import pytest
 from cogrip.protocol.settings.hand import parsed
 from cogrip.protocol.settings.settable import RoomChange
 from cogrip.server.administration.connection import MOST_ANSWER_BYTES, MOST_BODY_BYTES, MOST_HEAD_BYTES
-from cogrip.server.administration.operations import OPERATIONS, openapi, order_of
+from cogrip.server.administration.operations import OPERATIONS, EventFilter, openapi, order_of, request_of
 from cogrip.server.administration.orders import (
+    CloseRoomOrder,
     KickOrder,
+    NewRoomOrder,
     OrderReply,
     ReloadOrder,
     Request,
     SetHandOrder,
     SetRoomOrder,
     StatusOrder,
+    WhoOrder,
 )
 from cogrip.server.events import ServerEvent
 from cogrip.server.io.control import (
@@ -423,3 +426,15 @@ def test_where_metrics_are_is_told(control: Control, folder: StateFolder, people
 )  # fmt: skip
 def test_values_of_json_are_those_of_the_command(body: dict[str, Any], order: SetHandOrder | SetRoomOrder) -> None:
     assert order_of("POST", "/v1/set", json.dumps(body).encode()) == order
+
+
+@pytest.mark.parametrize(
+    "asked",
+    [
+        EventFilter(), EventFilter("lab", "joined", 0), EventFilter(after=7), WhoOrder("group 7"), StatusOrder(),
+        KickOrder("anna", "lab", "too rough", True), NewRoomOrder("lesson", "", {"class": "physics"}),
+        CloseRoomOrder("group 7"),
+    ],
+)  # fmt: skip
+def test_a_request_is_read_as_what_was_asked(asked: Any) -> None:
+    assert order_of(*request_of(asked)) == asked

@@ -147,7 +147,9 @@ def request_of(order: AskedOrder | EventFilter) -> tuple[str, str, bytes]:
 
 
 def _target(path: str, fields: msgspec.Struct) -> str:
-    given = {name: value for name, value in msgspec.structs.asdict(fields).items() if value not in ("", False)}
+    given = {
+        name: value for name, value in msgspec.structs.asdict(fields).items() if value != "" and value is not False
+    }
     return f"{path}?{urlencode(given, quote_via=quote)}" if given else path
 
 
