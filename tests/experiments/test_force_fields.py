@@ -14,7 +14,7 @@ from cogrip.results.reading.records import open_run
 
 from tests.experiments.studies import NoSessions, conducted, parsed, run_in_laboratory, shipped
 
-PEAK_MPS = 1.875 * 0.1 / 0.8  # of a minimum-jerk reach of 0.1 m in 0.8 s
+PEAK_MPS = 1.875 * 0.1 / 0.8  # peak speed of a minimum-jerk reach of 0.1 m in 0.8 s
 ASIDE_M = 0.1 * 0.1  # to the left, of a hand that aims 0.1 there for each 1 ahead
 FIELD_NSPM, CHANNEL_NPM, LOAD_N = 4.0, 1500.0, 0.5
 

@@ -13,7 +13,7 @@ from cogrip.server.admission.token_keys import TokenKey, read_keys
 
 NOW_S = 1_800_000_000
 FINGERPRINT = "0123456789abcdef" * 4
-SECRET = "5f" * 32  # as `openssl rand -hex 32` writes it
+SECRET = "5f" * 32  # a secret of the form that `openssl rand -hex 32` writes
 JTI = "7d2f8a40c1e94b53"
 
 

@@ -102,6 +102,23 @@ def test_a_hand_feels_the_stiffness_that_was_set(delay_ms: float, compensate: bo
     assert_passive(laboratory)
 
 
+def test_a_spring_that_could_not_grow_is_not_said_to_be_felt() -> None:
+    table = two()
+    table["coupling"]["stiffness_npm"] = 300.0
+    for user, amplitude_m in zip(table["users"], (0.06, -0.06), strict=True):
+        user |= {"device": "sim:ideal", "hand": f"approach&amplitude_m={amplitude_m}&lag_s=0.3"}
+    laboratory = Laboratory(resolve(table))
+    run_frames(laboratory, 4 * 128)
+    set_of(laboratory, "anna", "stiffness_npm=3000")
+    run_frames(laboratory, 12 * 128)
+    stiffness = laboratory.room.world.stiffness[0, 0]
+    assert 0.0 < stiffness < 2000.0, "both press and stand still: only the loan pays"
+    summary = of_laboratory(laboratory)
+    assert summary["users"][0]["predicted_stiffness_npm"] is None
+    assert summary["users"][0]["not_predicted"].startswith(f"its spring has come to {stiffness:.0f} of the 3000 N/m")
+    assert judgements(summary)[2].tone != "good"
+
+
 def test_an_impedance_that_was_set_holds_at_both_ends_and_is_bounded_by_the_device() -> None:
     laboratory = Laboratory(resolve(two(link={"delay_ms": 20.0})))
     felt = Felt(laboratory)

@@ -20,7 +20,7 @@ from wsgiref.handlers import CGIHandler
 
 from mint_token import mint
 
-GROUPS = "OIDC_CLAIM_groups"  # as Apache's mod_auth_openidc gives the claim; mod_shib: "isMemberOf"
+GROUPS = "OIDC_CLAIM_groups"  # variable in which Apache's mod_auth_openidc gives the groups; mod_shib's is "isMemberOf"
 SEPARATORS = str.maketrans({",": " ", ";": " "})
 HEADERS = [
     ("Content-Type", "text/html; charset=utf-8"),

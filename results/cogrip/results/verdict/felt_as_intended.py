@@ -18,6 +18,8 @@ MOST_LENT = 0.4
 """Fraction of the credit that a line has lent at most where the credit paid: compensation spends no more than half of it."""
 MOST_MOVED = 0.01
 """Largest fraction of a direction's frames at which the playout delay changed. Felt stiffness depends on that delay."""
+GROWN = 0.95
+"""Least fraction of a stiffness that was set in a session that counts as reached: under load a spring may stay behind."""
 MOST_SHAKEN_N = 0.15
 """Largest rms of a force above 12 Hz that may last for half a second.
 
@@ -198,6 +200,9 @@ def not_predicted(row: UserValues, credit_j: float) -> str:
         return f"the force was at a limit in {_percent(limited)} of the ticks"
     if controlled > MOST_CONTROLLED:
         return f"the device port changed what is felt in {_percent(controlled)} of the ticks"
+    asked, rendered = dig(row, "hand", "stiffness_npm"), _value(row, "rendered_npm")
+    if is_number(asked) and rendered is not None and rendered < GROWN * asked:
+        return f"its spring has come to {rendered:.0f} of the {asked:.0f} N/m that were set: more was not paid for"
     if row.get("local"):
         return ""  # what is pressed on is not behind the line
     if scattered > (MOST_REPLACED if paid else MOST_REPLACED_AT_REST):

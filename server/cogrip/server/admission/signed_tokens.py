@@ -35,7 +35,7 @@ MOST_LIFE_S = 86_400  # longest time from `iat` to `exp`
 MOST_KNOWN = 4096  # most tokens that are remembered as checked; those that were shown longest ago are forgotten first
 _ALGORITHM = re.compile(r"[A-Za-z0-9-]{1,20}\Z")
 _NAMES: dict[Algorithm, tuple[str, ...]] = {"EdDSA": ("EdDSA", "Ed25519"), "HS256": ("HS256",)}
-"""What a header may call a key's algorithm: RFC 9864 names EdDSA by its curve."""
+"""Names that a header may give a key's algorithm: RFC 9864 calls EdDSA by its curve."""
 _jws = PyJWS(algorithms=["EdDSA", "HS256"])
 _jws.register_algorithm("Ed25519", OKPAlgorithm())
 
