@@ -422,6 +422,10 @@ def test_where_metrics_are_is_told(control: Control, folder: StateFolder, people
         ({"user": "anna", "values": {"impedance_nspm": "auto"}, "room": "lab"},
          SetHandOrder("anna", parsed(["impedance_nspm=auto"]), "lab")),
         ({"values": {"object.mass_kg": 0.5}}, SetRoomOrder(RoomChange(0.5))),
+        (
+            {"values": {"scene.gravity_mps2": 3, "effects.push": "anna, ben"}, "room": "lab"},
+            SetRoomOrder(RoomChange(scene_gravity_mps2=3.0, effects={"push": "anna,ben"}), "lab"),
+        ),
     ],
 )  # fmt: skip
 def test_values_of_json_are_those_of_the_command(body: dict[str, Any], order: SetHandOrder | SetRoomOrder) -> None:

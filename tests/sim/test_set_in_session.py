@@ -8,11 +8,9 @@ from typing import Any
 import pytest
 from msgspec.structs import replace as replace_fields
 
-from cogrip.client.inputs import CloseLedger
 from cogrip.protocol.settings.hand import UNCHANGED, parsed
 from cogrip.protocol.settings.room import resolve
-from cogrip.protocol.settings.settable import RoomChange, room_change
-from cogrip.protocol.wire.accounts import ClientAccount
+from cogrip.protocol.settings.settable import RoomChange
 from cogrip.protocol.wire.messages import SetHand as Report
 from cogrip.protocol.wire.messages import encode
 from cogrip.results.reading.records import open_run
@@ -24,49 +22,14 @@ from cogrip.results.writing.laboratory_run import run_laboratory
 from cogrip.results.writing.summary import of_laboratory
 from cogrip.server.checkpoint import decode as decode_checkpoint
 from cogrip.server.checkpoint import encode as encode_checkpoint
-from cogrip.server.inputs import SetHand, SetRoom
+from cogrip.server.inputs import SetHand
 from cogrip.sim.laboratory import Laboratory
 
 from tests.sim.felt_forces import Felt
 from tests.sim.session_measures import run_frames
+from tests.sim.set_sessions import account_of, assert_passive, set_of, set_room, two, wall
 
 LOAN_J = 1e-9  # rounding of an energy that is not to grow
-
-
-def wall(**more: Any) -> dict[str, Any]:
-    """One hand presses on a wall from the first second on."""
-    return {
-        "seconds": 60.0, "object": {"kind": "wall", "axes": 3}, "coupling": {"impedance_nspm": 20.0, "stiffness_npm": 400.0},
-        "users": [{"name": "anna", "device": "sim:ideal", "hand": "approach&amplitude_m=0.006&lag_s=0.3"}], **more,
-    }  # fmt: skip
-
-
-def two(**more: Any) -> dict[str, Any]:
-    return {
-        "seconds": 60.0, "object": {"kind": "cube", "axes": 3}, "coupling": {"impedance_nspm": 20.0, "stiffness_npm": 600.0},
-        "users": [{"name": "anna", "hand": "reach"}, {"name": "ben", "hand": "hold", "side": "right"}], **more,
-    }  # fmt: skip
-
-
-def set_of(laboratory: Laboratory, name: str, *pairs: str) -> None:
-    assert laboratory.server.handle(SetHand(name, parsed(pairs)), laboratory.now_ns) == 1
-
-
-def set_room(laboratory: Laboratory, *pairs: str) -> int:
-    return laboratory.server.handle(SetRoom(room_change(pairs)), laboratory.now_ns)
-
-
-def account_of(laboratory: Laboratory, number: int = 0) -> ClientAccount:
-    return laboratory.people[number].core.handle(CloseLedger(laboratory.ticks(number)), laboratory.now_ns)
-
-
-def assert_passive(laboratory: Laboratory) -> None:
-    for number in range(len(laboratory.people)):
-        account, seat = account_of(laboratory, number), laboratory.room.seat_account(number)
-        margins = [account.down_margin_j, seat.up_margin_j, seat.line_margin_j]
-        assert min([margin for margin in margins if margin is not None], default=0.0) >= -1e-3
-        assert account.device.margin_j >= 0.0
-    assert laboratory.room.world.balance_error_j < 1e-9
 
 
 @pytest.mark.parametrize("delay_ms", [0.0, 20.0])

@@ -41,6 +41,7 @@ from cogrip.server.seats.stiffness_adaptation import StiffnessAdapter
 from cogrip.server.worlds.departures import Departure, let_leave, watch_object
 from cogrip.server.worlds.world import WorldError
 
+LEAST_GRAVITY_MPS2 = 1.0  # of less, gravity changes by as much as of this in a frame
 RESERVED_NS = 5_000_000_000  # time for which a restored seat is reserved for its ticket's holder
 
 
@@ -220,28 +221,32 @@ class Room:
             seat.adapter.use_stiffness(now.coupling.stiffness_npm)
 
     def change(self, change: RoomChange) -> None:
-        """Have the object go to what was set of it."""
+        """Have the object, gravity and effects become what was set of them."""
         world = self.world
         if not self._ramps:
             frame_s = 1.0 / self.settings.rates.network_hz
             self._ramps = (
                 (Ramp(world.mass_kg, LEAST_MASS_KG, frame_s), world.set_mass),
                 (Ramp(world.object_damping, LEAST_NSPM, frame_s), world.set_object_damping),
+                (Ramp(world.gravity_mps2, LEAST_GRAVITY_MPS2, frame_s), world.set_gravity),
             )
-        for (ramp, _), goal in zip(self._ramps, (change.object_mass_kg, change.object_damping_nspm), strict=True):
+        goals = change.object_mass_kg, change.object_damping_nspm, change.scene_gravity_mps2
+        for (ramp, _), goal in zip(self._ramps, goals, strict=True):
             if goal is not None:
                 ramp.goal = goal
+        self.effects.switch(change.effects, self.steps)
         self.changes = change.after(self.changes)
 
     def unfit_change(self, change: RoomChange) -> str:
         """Return why this room cannot have a change, "" where it can."""
-        if self.world.can_change_object:
-            return ""
-        coupling, kind = self.settings.coupling.kind, self.settings.object.kind
-        return (
-            f'{change.text.partition("=")[0]} cannot change with coupling.kind = "{coupling}" and object.kind = "{kind}": '
-            "the bodies are the scene's, or a client's own copy, or nothing moves; restart the room"
-        )
+        coupling, kind, key = self.settings.coupling.kind, self.settings.object.kind, change.text.partition("=")[0]
+        here = f'{key} cannot change with coupling.kind = "{coupling}" and object.kind = "{kind}"'
+        of_object = change.object_mass_kg is not None or change.object_damping_nspm is not None
+        if of_object and not self.world.can_change_object:
+            return f"{here}: the bodies are the scene's, or a client's own copy, or nothing moves; restart the room"
+        if change.scene_gravity_mps2 is not None and not self.world.can_change_gravity:
+            return f"{here}: there is no scene, or clients have copies of it; restart the room"
+        return self.effects.unfit(change.effects, self.steps)
 
     def limited(self, number: int) -> dict[str, int]:
         """Return how often a seat was limited so far, by reason."""

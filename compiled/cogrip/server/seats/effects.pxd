@@ -10,6 +10,8 @@ cdef class RoomEffects:
     cdef list _turns
     cdef list _effects
     cdef list _of
+    cdef list _set
+    cdef dict _set_step
 
     cpdef follow(self, long long step, RoomMarkers markers)
     cpdef tuple of(self, Py_ssize_t user)

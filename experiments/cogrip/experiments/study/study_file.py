@@ -59,10 +59,10 @@ class StudyEffect(EffectSection, frozen=True, forbid_unknown_fields=True):
 
     phase: str = ""
 
-    def in_run(self, run: str) -> dict[str, Any]:
-        """Return its table in the settings of a run: the run's own markers begin it."""
+    def in_run(self, run: str, name: str) -> dict[str, Any]:
+        """Return its table in the settings of a run: the run's own markers begin it. name: what the study calls it."""
         table = {name: value for name, value in msgspec.to_builtins(self).items() if name != "phase"}
-        return {"marker": phase_begun(run, self.phase) if self.phase else begun_by(run), **table}
+        return {"marker": phase_begun(run, self.phase) if self.phase else begun_by(run), "name": name, **table}
 
 
 class Block(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
@@ -143,7 +143,7 @@ class Study(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
             **{key: each for key, each in changes.items() if not key.startswith(GOAL)},
         }
         if (named := self.effects_of(changes)) is not None:
-            overrides[EFFECTS] = [self.effects[name].in_run(run) for name in named]
+            overrides[EFFECTS] = [self.effects[name].in_run(run, name) for name in named]
         elif any(key.startswith(f"{EFFECTS}.") for key in changes) and not (base or self.session).get(EFFECTS):
             raise SettingsError(
                 'effects: a condition has their names; write [effects.field], and here effects = ["field"]'

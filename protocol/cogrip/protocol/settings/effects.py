@@ -14,7 +14,7 @@ from msgspec.structs import replace
 
 from cogrip.protocol.axes import PLACES
 from cogrip.protocol.drawing import Shape
-from cogrip.protocol.settings.types import Name
+from cogrip.protocol.settings.types import NAME_PATTERN, Name
 from cogrip.protocol.texts import MARK_BYTES
 
 EffectKind = Literal[
@@ -81,8 +81,10 @@ class EffectSection(Effect, frozen=True, forbid_unknown_fields=True):
     """[[effects]]: one that a room has from `start_s` on, again each `every_s`. users: whom it is for; () everybody.
 
     marker: `start_s` counts from each marker with this text; "": from the room's beginning.
+    name: by which `cogrip set effects.NAME=on` begins it, and `=off` ends it
     """
 
+    name: Annotated[str, msgspec.Meta(max_length=40, pattern=f"^$|{NAME_PATTERN}")] = ""
     users: tuple[Name, ...] = ()
     marker: Annotated[str, msgspec.Meta(max_length=MARK_BYTES)] = ""
     start_s: Annotated[float, msgspec.Meta(ge=0.0, le=1e6)] = 0.0

@@ -184,5 +184,9 @@ def _check_fit(settings: Settings) -> None:
             raise SettingsError(f"effects.{place}: {why}")
         if unknown := set(effect.users) - {user.name for user in settings.users}:
             raise SettingsError(f"effects.{place}.users: there is no user {min(unknown)!r}; name one of [[users]]")
+        if effect.name and effect.name in [before.name for before in settings.effects[:place]]:
+            raise SettingsError(
+                f"effects.{place}.name = {effect.name!r} stands twice; give each effect a name of its own"
+            )
     for seat in range(len(settings.users)):
         seat_settings(settings, seat)

@@ -6,15 +6,17 @@ from math import isfinite
 from typing import Any, Literal, NamedTuple
 
 import msgspec
-from msgspec.structs import asdict
+from msgspec.structs import replace
 
 from cogrip.protocol.settings.line_tuning import LEAST_NSPM, MOST_NSPM
+from cogrip.protocol.texts import MARK_BYTES
 
 Parser = Callable[[str, str], Any]
 """Function of key and text that returns a value, or raises ValueError."""
 
 LEAST_MASS_KG, MOST_MASS_KG = 0.01, 100.0
 """Bounds of a mass that is set in a session [kg]: an object of less is lighter than any device, of more nobody moves it."""
+MOST_GRAVITY_MPS2 = 20.0  # a tool or a body of a scene then weighs twice what it weighs on earth
 LEAST_FILTER_HZ, MOST_FILTER_HZ = 0.05, 1e3
 LENT_J = 0.02  # energy that a spring whose stiffness is set may borrow, once a seat session (theory 3.7)
 MOST_STIFFNESS_NPM, MOST_DAMPING_NSPM = 1e7, 1e4
@@ -47,6 +49,8 @@ PERSON = (
 ROOM = (
     Settable("object.mass_kg", f"{LEAST_MASS_KG:g} to {MOST_MASS_KG:g}", f"{_SLOW}; adds no energy (7.9)"),
     Settable("object.damping_nspm", f"0 to {MOST_DAMPING_NSPM:g}", f"{_SLOW}; passive at any value (3.3)"),
+    Settable("scene.gravity_mps2", f"0 to {MOST_GRAVITY_MPS2:g}", f"{_SLOW}; what it gives is told (8.9)"),
+    Settable("effects.NAME", "on, off, or for whom: anna,ben", "each pays from its tank (7.8)"),
 )
 NOT_SETTABLE: Mapping[str, str] = {
     "rates": "both ends count time by it: restart the room",
@@ -60,7 +64,7 @@ NOT_SETTABLE: Mapping[str, str] = {
     "playout": "it is agreed on as a line begins: leave and join again, after a restart",
     "admission": "who is here came in by it: restart, or kick",
     "task": "its measures are of the whole session: restart the room",
-    "effects": "give one a `marker` in its file: `cogrip mark TEXT` begins it",
+    "effects": "give one a `name` in its file: cogrip set effects.NAME=on; for one person: cogrip set effects.NAME=anna",
     "users": "name the person: cogrip set NAME KEY=VALUE",
     "seed": "what was drawn of it is past",
     "seconds": "a session is ended by its people or by Ctrl-C",
@@ -74,17 +78,24 @@ class RoomChange(msgspec.Struct, frozen=True, forbid_unknown_fields=True, omit_d
 
     object_mass_kg: float | None = None
     object_damping_nspm: float | None = None
+    scene_gravity_mps2: float | None = None
+    effects: Mapping[str, str] = {}  # by name: "on", "off", or for whom, with commas between
 
     @property
     def text(self) -> str:
         """Return it as `key=value` for people."""
-        given = {name: value for name, value in asdict(self).items() if value is not None}
-        return " ".join([f"{name.replace('object_', 'object.')}={value:g}" for name, value in given.items()])
+        numbers = [f"{key}={value:g}" for key, name in _NUMBERS.items() if (value := getattr(self, name)) is not None]
+        return " ".join([*numbers, *(f"{EFFECTS}{name}={value}" for name, value in self.effects.items())])
+
+    @property
+    def is_ramped(self) -> bool:
+        """Return whether any of it comes by a ramp; effects are switched at once."""
+        return any(getattr(self, name) is not None for name in _NUMBERS.values())
 
     def after(self, before: "RoomChange") -> "RoomChange":
         """Return both as one: this one came later."""
-        given = {name: value for name, value in asdict(self).items() if value is not None}
-        return msgspec.structs.replace(before, **given)
+        given = {name: value for name in _NUMBERS.values() if (value := getattr(self, name)) is not None}
+        return replace(before, **given, effects={**before.effects, **self.effects})
 
 
 def number_of(key: str, text: str, least: float, most: float, auto: bool = False) -> float | Literal["auto"]:
@@ -122,12 +133,17 @@ def why_not(key: str) -> str:
 
 
 def read_pairs(pairs: Sequence[str], parsers: Mapping[str, Parser]) -> dict[str, Any]:
-    """Return the values that `key=value` texts say. Raises ValueError, which names key, value, bound and cure."""
+    """Return the values that `key=value` texts say. Raises ValueError, which names key, value, bound and cure.
+
+    A key of `parsers` that ends with a dot stands for all keys that begin so.
+    """
     found: dict[str, Any] = {}
     for pair in pairs:
         key, equals, text = pair.partition("=")
         key, text = key.strip(), text.strip().strip("\"'")
-        if key not in parsers:
+        head = key[: key.find(".") + 1]
+        parser = None if key.endswith(".") else parsers.get(key, parsers.get(head))
+        if parser is None:
             near = get_close_matches(key, parsers, n=1, cutoff=0.5)
             hint = why_not(key) or (f"did you mean {near[0]}?" if near else f"there is: {', '.join(parsers)}")
             raise ValueError(f"{key!r} is nothing that can be set in a session; {hint}")
@@ -135,18 +151,37 @@ def read_pairs(pairs: Sequence[str], parsers: Mapping[str, Parser]) -> dict[str,
             raise ValueError(f"{pair!r} has no value; write {key}=VALUE")
         if key in found:
             raise ValueError(f"{key} stands twice; give it once")
-        found[key] = parsers[key](key, text)
+        found[key] = parser(key, text)
     if not found:
         raise ValueError(f"nothing to set; write key=value with one of {', '.join(parsers)}")
     return found
 
 
+def _switch_of(key: str, text: str) -> str:
+    """Return for whom an effect is: "on" everybody, "off" nobody, or names with commas between. Raises ValueError."""
+    names = [name.strip() for name in text.split(",")]
+    if not all(names) or (len(names) > 1 and not {"on", "off"}.isdisjoint(names)) or len(text) > MARK_BYTES:
+        raise ValueError(f"{key} = {text!r} is none; give on, off, or names such as anna,ben")
+    return ",".join(names)
+
+
+EFFECTS = "effects."  # what a key begins with that switches an effect
+_NUMBERS: Mapping[str, str] = {
+    "object.mass_kg": "object_mass_kg",
+    "object.damping_nspm": "object_damping_nspm",
+    "scene.gravity_mps2": "scene_gravity_mps2",
+}
+"""Names of the fields of a RoomChange that are numbers, by key."""
 _ROOM_PARSERS: Mapping[str, Parser] = {
     "object.mass_kg": lambda key, text: number_of(key, text, LEAST_MASS_KG, MOST_MASS_KG),
     "object.damping_nspm": lambda key, text: number_of(key, text, 0.0, MOST_DAMPING_NSPM),
+    "scene.gravity_mps2": lambda key, text: number_of(key, text, 0.0, MOST_GRAVITY_MPS2),
+    EFFECTS: _switch_of,
 }
 
 
 def room_change(pairs: Sequence[str]) -> RoomChange:
     """Return the change of a room that `key=value` texts say. Raises ValueError."""
-    return RoomChange(**{key.replace(".", "_"): value for key, value in read_pairs(pairs, _ROOM_PARSERS).items()})
+    values = read_pairs(pairs, _ROOM_PARSERS)
+    numbers = {_NUMBERS[key]: values.pop(key) for key in list(values) if key in _NUMBERS}
+    return RoomChange(**numbers, effects={key.removeprefix(EFFECTS): value for key, value in values.items()})

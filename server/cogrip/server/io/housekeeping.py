@@ -451,7 +451,7 @@ class Housekeeping:
         now_ns = time.monotonic_ns()
         self._server.count_deserted(now_ns, room.called)  # the change has a step
         core.handle(inputs.SetRoom(order.change, room.called), now_ns)
-        return f"{room.called}: {order.change.text}, within some seconds", True
+        return f"{room.called}: {order.change.text}{', within some seconds' if order.change.is_ramped else ''}", True
 
     def _who(self, order: WhoOrder) -> tuple[str, bool, list[RosterEntry]]:
         rooms = [room for room in self._server.core.rooms if room.is_open and order.room in ("", room.called)]

@@ -1,6 +1,7 @@
 """Haptic effects of a room (docs/effects.md): those of its settings and of its world, and how a player is told of them."""
 
-from collections.abc import Sequence, Set
+from collections.abc import Mapping, Sequence, Set
+from math import ceil
 
 from cogrip.protocol.settings.effects import (
     LEAST_EVERY_S,
@@ -19,6 +20,7 @@ from cogrip.server.seats.markers import RoomMarkers
 TOLD_HZ = 64  # messages a second while the client has not answered
 SLOW_AFTER_S = 2.0  # time without an answer after which messages come at `SLOW_HZ`: the client may not know effects
 SLOW_HZ = 4
+ON, OFF = "on", "off"
 KEPT_S = 2.0  # time for which an effect that ends by itself is told beyond its end: it may have come late
 
 
@@ -35,6 +37,32 @@ class RoomEffects:
         self._turns: list[tuple[int, int] | None] = [None] * len(self._sections)
         self._effects: list[Effect | None] = [None] * len(self._sections)
         self._of: list[tuple[Effect, ...]] = [()] * len(self._users)
+        self._set: list[tuple[str, ...] | None] = [None] * len(self._sections)  # for whom, of what was set
+        self._set_step: dict[str, int] = {}  # last step in which an effect was set, by name
+
+    def unfit(self, switches: Mapping[str, str], step: int) -> str:
+        """Return why effects cannot be switched so (`RoomChange.effects`), with the cure; "" where they can."""
+        names = [section.name for section in self._sections if section.name]
+        for name, value in switches.items():
+            if name not in names:
+                return f"there is no effect {name!r}; there is: {', '.join(names) or 'none with a name'}"
+            if value not in (ON, OFF) and (unknown := set(value.split(",")) - set(self._users)):
+                return f"effects.{name}: there is no user {min(unknown)!r}; name one of {', '.join(self._users)}"
+            since_s = (step - self._set_step[name]) * self._frame_s if name in self._set_step else LEAST_EVERY_S
+            if since_s < LEAST_EVERY_S:
+                return (
+                    f"effects.{name} was set {since_s:.3f} s ago; wait {LEAST_EVERY_S:g} s from one switch to the next"
+                )
+        return ""
+
+    def switch(self, switches: Mapping[str, str], step: int) -> None:
+        """Begin effects anew, or end them (`unfit`). One that was ended waits for no marker, but to be switched on."""
+        for place, section in enumerate(self._sections):
+            if not section.name or (value := switches.get(section.name)) is None:
+                continue
+            self._set_step[section.name] = step
+            self._set[place] = {ON: section.users or tuple(self._users), OFF: ()}.get(value, tuple(value.split(",")))
+            self._marked[place] = None if value == OFF else step - ceil(section.start_s / self._frame_s)
 
     def follow(self, step: int, markers: RoomMarkers) -> None:
         """Begin what begins with this step. markers: of the room, with which effects may begin."""
@@ -44,7 +72,7 @@ class RoomEffects:
             for place, section in enumerate(self._sections):
                 marked = self._marked[place]
                 fresh = marked is None or (mark.step - marked) * self._frame_s >= LEAST_EVERY_S
-                if section.marker and section.marker == mark.text and fresh:
+                if section.marker and section.marker == mark.text and fresh and self._set[place] != ():
                     self._marked[place] = mark.step
         self._looked = step
         turns = [
@@ -57,11 +85,13 @@ class RoomEffects:
             if turn != self._turns[place]:
                 self._effects[place] = None if turn is None else section.begun()
         self._turns = turns
-        pairs = list(zip(self._sections, self._effects, strict=True))
         for user, name in enumerate(self._users):
-            self._of[user] = tuple(
-                [effect for section, effect in pairs if effect and name in (section.users or (name,))]
-            )
+            mine = [effect for place, effect in enumerate(self._effects) if effect and self._is_for(place, name)]
+            self._of[user] = tuple(mine)
+
+    def _is_for(self, place: int, name: str) -> bool:
+        users = self._set[place]
+        return name in (self._sections[place].users or (name,) if users is None else users)
 
     def _turn(self, section: EffectSection, marked: int, step: int) -> tuple[int, int] | None:
         """Return from which step its time counts, and how often it has begun, less 1; None before it begins."""

@@ -65,6 +65,7 @@ class World(ABC):
     Beside it stand its `drawing`, its `accounts` and the `progress` of its task, on which no step depends.
 
     can_change_object  whether `set_mass` and `set_object_damping` may be called
+    can_change_gravity  whether `set_gravity` may be called
     failed            why it is not stepped any more, "" while it is
     impedance         b of each person's port [N s/m], shape (n, 1)
     further_impedance  of the axes behind the places, shape (n, 1): b_r [N m s] of those that turn, b_g [N s/m] of an opening
@@ -83,7 +84,7 @@ class World(ABC):
     object_name = "the object"  # name of the object in texts
     gained_j = 0.0  # energy that the bodies of a scene have got in all steps so far
     can_adapt_stiffness = False  # whether `set_target_stiffness` may be called
-    can_change_object = False
+    can_change_object = can_change_gravity = False
     failed = ""
 
     def __init__(self, seats: Sequence[SeatSettings]) -> None:
@@ -197,6 +198,18 @@ class World(ABC):
     def set_object_damping(self, damping_nspm: float) -> None:
         """Set the object's own damping [N s/m] from the next step on: passive whatever it is (theory 3.3)."""
         self.object_damping = damping_nspm
+
+    @property
+    def gravity_mps2(self) -> float:
+        """Size of the acceleration with which bodies fall here [m/s^2]."""
+        return 0.0
+
+    def set_gravity(self, gravity_mps2: float) -> None:
+        """Set the size of the acceleration with which bodies fall [m/s^2] from the next step on (theory 8.9).
+
+        Called only where `can_change_gravity`.
+        """
+        raise NotImplementedError(f"{type(self).__name__}: nothing falls here")
 
     def set_impedance(self, user: int, impedance_nspm: float) -> None:
         """Set the wave impedance b of a person's port [N s/m] from the next step on; any b is passive (theory 7.3)."""

@@ -33,6 +33,7 @@ class PartnersScene(DrivenScene):
     """
 
     inputs_per_axis = 6
+    can_change_gravity = False  # clients have copies of the bodies, which fall by their own
 
     def __init__(self, seats: Sequence[SeatSettings], scene: Scene, substeps: int) -> None:
         if why := unfit_copy(scene):

@@ -20,7 +20,7 @@ Data are kept as after `mj_step1`: places, energies and contacts are those of th
 
 from collections.abc import Callable, Sequence
 from contextlib import AbstractContextManager
-from math import isfinite
+from math import hypot, isfinite
 from typing import Any
 
 import mujoco  # type: ignore[import-untyped]
@@ -61,6 +61,7 @@ class SceneWorld(World):
     is not driven: none here (`local_scene`).
     """
 
+    can_change_gravity = True
     port_damped = True  # a tool that is held has the damper of its wave port
 
     def __init__(self, seats: Sequence[SeatSettings], scene: Scene, substeps: int) -> None:
@@ -72,6 +73,7 @@ class SceneWorld(World):
         self._energy = SceneEnergy(model)
         self._equalities, self._warm = EqualityRows(model), WarmStart(model)
         self._forces = VelocityForces(model)
+        self._down, self._gravity_j = _direction(model.opt.gravity), 0.0
         super().__init__(seats)
         self.limiter = EnergyLimiter(self.frame_s)
         self.contacts = SceneContacts(scene, self.frame_s)
@@ -105,8 +107,9 @@ class SceneWorld(World):
         self._script = script
 
     def script_account(self) -> dict[str, Any]:
-        """Return what a run tells of the script; nothing where there is none."""
-        return {} if self._script is None else {"mocap_slowed": self._scripted.slowed}
+        """Return what a run tells of the script, and of gravity that was set; nothing where there is neither."""
+        script = {} if self._script is None else {"mocap_slowed": self._scripted.slowed}
+        return {**script, "gravity_j": self._gravity_j} if self._gravity_j else script
 
     def limit_calls(self, limit: Callable[[], AbstractContextManager[None]]) -> None:
         if self._script is not None:
@@ -276,6 +279,19 @@ class SceneWorld(World):
                 self._touch(user, False)
                 self._refresh()
 
+    # Gravity
+
+    @property
+    def gravity_mps2(self) -> float:
+        return hypot(*self.scene.model.opt.gravity.tolist())
+
+    def set_gravity(self, gravity_mps2: float) -> None:
+        """Set its size; it acts where the scene's own did, else along the third axis, down. What this gives is told."""
+        self.scene.model.opt.gravity[:] = gravity_mps2 * self._down
+        before_j = self.energy_j
+        self._refresh()
+        self._gravity_j += self.energy_j - before_j
+
     def _refresh(self) -> None:
         """Bring data up to a state that was changed by hand, whose energy is then the one to count from."""
         mujoco.mj_step1(self.scene.model, self.data)
@@ -395,7 +411,7 @@ class SceneWorld(World):
         mujoco.mj_getState(self.scene.model, self.data, self._state, _STATE)
         limiter = self.limiter
         seats = np.concatenate((self.holding, self.solid, self.port_work, self._work_error)).tolist()
-        ledger = limiter.level_j, limiter.paid_j, float(limiter.limited), self.balance_error_j
+        ledger = limiter.level_j, limiter.paid_j, float(limiter.limited), self.balance_error_j, self.gravity_mps2
         zero = self._zero.ravel().tolist()
         script = self._script.save() if self._script is not None else ()
         solver = *self._warm.save(), *self._forces.save()
@@ -410,10 +426,10 @@ class SceneWorld(World):
         turned = self.turning.saved_numbers
         warm = turned + self._warm.numbers
         first = warm + self._forces.numbers
-        check_saved(saved, first + physics + 7 * seats + 4)
+        check_saved(saved, first + physics + 7 * seats + 5)
         state = np.array(saved[first:])
         holding, solid, work, work_error = state[physics : physics + 4 * seats].reshape(4, seats)
-        zeros = state[physics + 4 * seats : -4].reshape(seats, PLACES)
+        zeros = state[physics + 4 * seats : -5].reshape(seats, PLACES)
         for user in range(seats):
             self._park(user)
             if holding[user]:
@@ -426,7 +442,15 @@ class SceneWorld(World):
         self.turning.restore(saved[:turned])
         self._warm.restore(saved[turned:warm])
         self._forces.restore(saved[warm:first])
-        self.limiter.level_j, self.limiter.paid_j, limited, self.balance_error_j = saved[-4:]
+        self.limiter.level_j, self.limiter.paid_j, limited, self.balance_error_j, gravity_mps2 = saved[-5:]
         self.limiter.limited = int(limited)
+        if gravity_mps2 != self.gravity_mps2:
+            self.scene.model.opt.gravity[:] = gravity_mps2 * self._down
         self.port_work, self._work_error = work, work_error
         self._refresh()
+
+
+def _direction(gravity: Array) -> Array:
+    """Return where gravity acts, a vector of length 1; down where there is none."""
+    size = hypot(*gravity.tolist())
+    return gravity / size if size else np.array([0.0, 0.0, -1.0])
