@@ -11,15 +11,15 @@ from msgspec.structs import replace as replace_fields
 from cogrip.protocol.settings.hand import UNCHANGED, parsed
 from cogrip.protocol.settings.room import resolve
 from cogrip.protocol.settings.settable import RoomChange
+from cogrip.protocol.wire.messages import Farewell, encode
 from cogrip.protocol.wire.messages import SetHand as Report
-from cogrip.protocol.wire.messages import encode
 from cogrip.results.reading.records import open_run
 from cogrip.results.reading.traces import load_run
 from cogrip.results.replay.verify import verify
 from cogrip.results.report.page import render
 from cogrip.results.verdict.verdict import judgements
 from cogrip.results.writing.laboratory_run import run_laboratory
-from cogrip.results.writing.summary import of_laboratory
+from cogrip.results.writing.summary import of_client, of_laboratory
 from cogrip.server.checkpoint import decode as decode_checkpoint
 from cogrip.server.checkpoint import encode as encode_checkpoint
 from cogrip.server.inputs import SetHand
@@ -63,6 +63,30 @@ def test_a_hand_feels_the_stiffness_that_was_set(delay_ms: float, compensate: bo
     assert felt.step_n < 0.05
     assert laboratory.room.world.damping[0, 0] == 2.0
     assert_passive(laboratory)
+
+
+@pytest.mark.parametrize("compensate", [True, False])
+def test_a_spring_of_the_settings_that_could_not_grow_is_not_said_to_be_felt(compensate: bool) -> None:
+    table = two()
+    table["coupling"] |= {"stiffness_npm": 400.0, "compensate": compensate}
+    for user, amplitude_m in zip(table["users"], (0.06, -0.06), strict=True):
+        user |= {"device": "sim:ideal", "hand": f"approach&amplitude_m={amplitude_m}&lag_s=0.05"}
+    laboratory = Laboratory(resolve(table))
+    run_frames(laboratory, 12 * 128)
+    anna = of_laboratory(laboratory)["users"][0]
+    goal_npm = laboratory.room.world.goal_npm(0)
+    if not compensate:  # such a spring is there from the first moment on
+        assert goal_npm is None
+        assert anna["rendered_npm"] == 400.0
+        assert anna["not_predicted"] is None
+        return
+    assert 0.0 < anna["rendered_npm"] < 0.9 * goal_npm, "both press from the first moment on, and stand still"
+    assert anna["predicted_stiffness_npm"] is None
+    assert anna["not_predicted"].startswith(f"its spring has come to {anna['rendered_npm']:.0f} of {goal_npm:.0f} N/m")
+    told = Farewell(1, "goodbye", laboratory.room.seat_account(0), None)
+    client = of_client(laboratory.room.seats[0].settings, account_of(laboratory), told, 12.0, {})["users"][0]
+    softer = anna["rendered_npm"] < 0.95 * 400.0
+    assert (client["predicted_stiffness_npm"] is None) is softer, "no line in series makes a spring stiffer"
 
 
 def test_a_spring_that_could_not_grow_is_not_said_to_be_felt() -> None:

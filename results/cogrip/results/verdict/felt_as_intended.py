@@ -19,7 +19,7 @@ MOST_LENT = 0.4
 MOST_MOVED = 0.01
 """Largest fraction of a direction's frames at which the playout delay changed. Felt stiffness depends on that delay."""
 GROWN = 0.95
-"""Least fraction of a stiffness that was set in a session that counts as reached: under load a spring may stay behind."""
+"""Least fraction of the stiffness to which a spring goes that counts as reached: under load it may stay behind."""
 MOST_SHAKEN_N = 0.15
 """Largest rms of a force above 12 Hz that may last for half a second.
 
@@ -180,10 +180,11 @@ def _worst_reasons(held: list[UserValues]) -> Iterator[str]:
             yield f"{name_of(row)} felt {measured:.0f} N/m at rest, where {predicted:.0f} N/m is predicted"
 
 
-def not_predicted(row: UserValues, credit_j: float) -> str:
+def not_predicted(row: UserValues, credit_j: float, goal_npm: float | None = None) -> str:
     """Return why the stiffness that the linear line predicts does not hold of this person's run; "" where it may.
 
-    credit_j: what each direction of the line may lend.
+    credit_j: what each direction of the line may lend. goal_npm: stiffness to which the server's spring was to go, where that
+    is known; else at least what is predicted, as no line in series makes a spring stiffer.
     """
     margins = [dig(row, "energy", key) for key in ("up_margin_j", "down_margin_j")]
     paid = credit_j > 0.0 and all(not is_number(each) or each > -MOST_LENT * credit_j for each in margins)
@@ -205,6 +206,11 @@ def not_predicted(row: UserValues, credit_j: float) -> str:
         return f"its spring has come to {rendered:.0f} of the {asked:.0f} N/m that were set: more was not paid for"
     if row.get("local"):
         return ""  # what is pressed on is not behind the line
+    scale = dig(row, "hand", "force_scale")
+    felt = (_value(row, "predicted_stiffness_npm") or 0.0) / (scale if is_number(scale) else 1.0)
+    goal_npm = goal_npm or felt
+    if rendered is not None and 0.0 < rendered < GROWN * goal_npm:
+        return f"its spring has come to {rendered:.0f} of {goal_npm:.0f} N/m: under load, more was not paid for"
     if scattered > (MOST_REPLACED if paid else MOST_REPLACED_AT_REST):
         return f"{_percent(_replaced(row)[0])} of the frames {_replaced(row)[1]} it were replaced"
     if moved > MOST_MOVED:

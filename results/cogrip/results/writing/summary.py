@@ -39,7 +39,10 @@ if TYPE_CHECKING:  # a client leaves a summary too, and has neither
 
 
 class UserRecord(msgspec.Struct, frozen=True):
-    """One user's two ends; None where nothing came from an end. asked_npm: K of the settings; local: `local_contact`."""
+    """One user's two ends; None where nothing came from an end. asked_npm: K of the settings; local: `local_contact`.
+
+    goal_npm  stiffness to which the server's spring goes, None where that is not known
+    """
 
     name: str
     client: ClientAccount | None
@@ -48,6 +51,7 @@ class UserRecord(msgspec.Struct, frozen=True):
     asked_npm: float | None = None
     local: str | None = None
     hand: HandChange | None = None  # settings of the hand that held at the end
+    goal_npm: float | None = None
 
 
 def summarise(
@@ -130,7 +134,8 @@ def _of_room(
         now = replace(seat.settings, tool=seat.hand.holds.frame())
         asked = now.asked_npm, now.local_contact, seat.hand.holds
         earlier = [UserRecord(seat.name, each.client, each.seat, (), *asked) for each in seat.earlier]
-        users.append(UserRecord(seat.name, account, room.seat_account(number), tuple(earlier), *asked))
+        goal_npm = room.world.goal_npm(number)
+        users.append(UserRecord(seat.name, account, room.seat_account(number), tuple(earlier), *asked, goal_npm))
     summary = _of_settings(
         room.settings, room.settings.name, seconds, users, room.account(), {**dropped, **_limited(room)}, claims
     )
@@ -252,7 +257,7 @@ def _user(user: UserRecord, claims: bool, credit_j: float, kind: Kind) -> dict[s
     }
     if client and len(client.force_n) == GRIP_AXES:  # the account has one number for what is behind the places
         row["peak_grip_n"], row["peak_torque_nm"] = client.peak_torque_nm, 0.0
-    why = not_predicted(row, credit_j) if row["predicted_stiffness_npm"] is not None else ""
+    why = not_predicted(row, credit_j, user.goal_npm) if row["predicted_stiffness_npm"] is not None else ""
     return {
         **row,
         "predicted_stiffness_npm": None if why else row["predicted_stiffness_npm"],

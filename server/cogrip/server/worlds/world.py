@@ -173,6 +173,12 @@ class World(ABC):
         """
         raise NotImplementedError(f"{type(self).__name__}: a stiffness that changes would not be passive here")
 
+    def goal_npm(self, user: int) -> float | None:
+        """Return where a spring goes that follows what was set or measured [N/m]; None where it does not."""
+        if not (self.can_adapt_stiffness and self.adapts_stiffness[user]):
+            return None
+        return float(self.target_stiffness[user, 0])
+
     def lend(self, user: int) -> None:
         """Lend a spring whose stiffness was set LENT_J to grow stiffer with, once a seat session (theory 3.7).
 
