@@ -56,6 +56,7 @@ class Response:
     """Motion under pushes along one axis. gains: g_i, of each axis; late_ticks: l; pushed_n: largest force.
 
     travel_m  how far the push alone moved it, there and back [m]
+    damping_nspm, friction_n   B and c along the axis, by the record's mass
     moved   False where too little moved with the force for anything to be said
     quiet   False where something else moved it so much that nothing can be said of its delay
     """
@@ -67,6 +68,13 @@ class Response:
     late_ticks: int = 0
     quiet: bool = True
     travel_m: float = 0.0
+    damping_nspm: float = 0.0
+    friction_n: float = 0.0
+
+    @property
+    def known(self) -> bool:
+        """Return whether anything can be said: it moved, and nothing else moved it."""
+        return self.moved and self.quiet
 
     def faults(self, record: Capability) -> list[str]:
         """Return what is not as the record says, each with what to look at; none where all is well."""
@@ -150,12 +158,23 @@ def faults(device: Device, clock: Clock) -> list[str]:
     return [found for answer in respond(device, clock) for found in answer.faults(device.capability)]
 
 
-def _push(device: Device, clock: Clock, tick: int, axis: int, push_n: float) -> tuple[_Course, int]:
+def push_along(
+    device: Device, clock: Clock, tick: int, axis: int, push_n: float, stroke_ticks: int = STROKE_TICKS
+) -> tuple[Response, int]:
+    """Push an open device to and fro along one place; return how it moved, and the newest tick. Raises DeviceError."""
+    record = device.capability
+    course, tick = _push(device, clock, tick, axis, push_n, stroke_ticks)
+    return _judge(course, axis, min(len(AXES), len(record.workspace_m)), push_n, record), tick
+
+
+def _push(
+    device: Device, clock: Clock, tick: int, axis: int, push_n: float, stroke_ticks: int = STROKE_TICKS
+) -> tuple[_Course, int]:
     """Push along an axis, and return what came of it, with the newest tick."""
     course, count = _Course(), device.capability.axes
     begun: Sequence[float] | None = None
     first = tick + 1
-    ticks = BEFORE_TICKS + len(PATTERN) * STROKE_TICKS + AFTER_TICKS
+    ticks = BEFORE_TICKS + len(PATTERN) * stroke_ticks + AFTER_TICKS
     silent = 0
     away = False
     while tick - first + 1 < ticks:
@@ -172,7 +191,7 @@ def _push(device: Device, clock: Clock, tick: int, axis: int, push_n: float) -> 
             silent = 0
         else:
             silent += 1
-        stroke = (tick - first - BEFORE_TICKS) // STROKE_TICKS
+        stroke = (tick - first - BEFORE_TICKS) // stroke_ticks
         pushes = 0 <= stroke < len(PATTERN) and not away and silent < SILENT_TICKS
         force = push_n * PATTERN[stroke] if pushes else 0.0
         asked = tuple([force if each == axis else 0.0 for each in range(count)])
@@ -216,20 +235,25 @@ def _judge(course: _Course, axis: int, axes: int, push_n: float, record: Capabil
             rest = places[:, each] - with_push @ answer
             rest_before = places[:, each] - held @ without
             made = answer[0] * pushed
-            rows.append((-record.apparent_mass_kg * answer[0], np.ptp(made), rest @ rest, rest_before @ rest_before))
+            gain, damping, friction = -record.apparent_mass_kg * answer[[0, 1, 3]]
+            rows.append((gain, np.ptp(made), rest @ rest, rest_before @ rest_before, damping, friction))
             error += rest @ rest
         fits.append((error, late, rows))
     count_m = max(record.resolution_m, 1e-7)
     best = min(fits, key=lambda fit: fit[0])
     noise = 0.25 * axes * len(ticks) * count_m * count_m / 12.0
     _, late, rows = best if fits[0][0] > (DOUBT if best[1] > 1 else DOUBT_OF_ONE) * (best[0] + noise) else fits[0]
-    _, _, rest, before = max(best[2], key=lambda row: row[1])
+    _, _, rest, before, *_ = max(best[2], key=lambda row: row[1])
     travel_m = max(row[1] for row in rows)
     quiet = bool(rest <= (1.0 - QUIET) * before)
     gains = []
     moved = False
-    for gain, made_m, rest, before in rows:
+    for gain, made_m, rest, before, *_ in rows:
         seen = bool(made_m >= MOVED_COUNTS * count_m and rest <= (1.0 - EXPLAINED) * before)
         moved = moved or seen
         gains.append(float(gain) if seen else 0.0)
-    return Response(axis, push_n, moved, tuple(gains), late if quiet else 0, quiet, float(travel_m)) if moved else still
+    if not moved:
+        return still
+    *_, damping, friction = rows[axis]
+    late = late if quiet else 0
+    return Response(axis, push_n, moved, tuple(gains), late, quiet, float(travel_m), float(damping), float(friction))
