@@ -166,6 +166,11 @@ windows.interrupt(child)
 assert child.wait() != 0
 child.stdin.close()
 windows.interrupt(child)  # it has ended already
+windows._kernel32.GetConsoleCP = lambda: 0
+tethered = subprocess.Popen([sys.executable, "-c", "import sys; sys.stdin.read(); sys.exit(7)"], stdin=subprocess.PIPE)
+windows.interrupt(tethered)
+assert tethered.wait() == 7, "it ends by itself, in order"
+windows.interrupt(tethered)
 """
 
 

@@ -105,6 +105,7 @@ LIBRARIES: dict[str, dict[str, Callable[..., int]]] = {
     "winmm": {"timeBeginPeriod": lambda ms: 0, "timeEndPeriod": lambda ms: 0},
     "kernel32": {
         "LockFileEx": lock_file,
+        "GetConsoleCP": lambda: 437,
         "GetCurrentProcess": lambda: -1,
         "GetCurrentThread": lambda: -2,
         "GetPriorityClass": lambda process: 0x20,

@@ -25,6 +25,7 @@ leave no processor for a server and recorders of lower priority. A thread under 
 NOBODY_LISTENS: tuple[type[OSError], ...] = (ConnectionRefusedError,)
 """Error that a connected UDP socket raises where nobody listens."""
 LOCKS_ARE_INHERITED = True
+RENAMES_OPEN_FILES = True
 _PIECE_BYTES = 1 << 20
 
 END_SIGNALS = (signal.SIGINT, signal.SIGTERM)

@@ -46,6 +46,7 @@ SPIN_PART = 1
 # A datagram to a port that nobody listens on fails the next receive with WSAECONNRESET.
 NOBODY_LISTENS: tuple[type[OSError], ...] = (ConnectionRefusedError, ConnectionResetError)
 LOCKS_ARE_INHERITED = False
+RENAMES_OPEN_FILES = False
 
 END_SIGNALS = (signal.SIGINT, signal.SIGTERM, signal.SIGBREAK)
 TERMINATION_SIGNALS = (signal.SIGTERM, signal.SIGBREAK)
@@ -195,10 +196,14 @@ def typed() -> bytes:
 
 
 def interrupt(process: subprocess.Popen[Any]) -> None:
-    """Ask a child of `own_session` to end, by CTRL_BREAK_EVENT to its group; where there is no console, end it.
+    """Ask a child of `own_session` to end, by CTRL_BREAK_EVENT to its group; without a console by the end of its input.
 
-    Without a console CPython's `os.kill` ends the process itself, and then raises SystemError for the error before.
+    Without a console CPython's `os.kill` ends the process itself, and then raises SystemError for the error before. So does
+    this, where the child's input is no pipe of ours.
     """
+    if not _kernel32.GetConsoleCP() and process.stdin is not None:
+        process.stdin.close()
+        return
     try:
         process.send_signal(signal.CTRL_BREAK_EVENT)
     except (OSError, SystemError):

@@ -27,11 +27,13 @@ GB = 10**9
 
 def mark_run(folder: Path) -> int:
     """Mark a run's folder as this server's, under way until the process ends or closes what is returned. Raises OSError."""
-    new = folder / f"{LOCK}.new"  # nobody may find a lock that is free
+    # nobody may find a lock that is free; where no open file can be renamed, it is free for a moment
+    new = folder / (f"{LOCK}.new" if system.RENAMES_OPEN_FILES else LOCK)
     file = os.open(new, os.O_RDWR | os.O_CREAT | platform.NO_LINK, 0o644)
     try:
         system.lock(file)
-        new.replace(folder / LOCK)
+        if system.RENAMES_OPEN_FILES:
+            new.replace(folder / LOCK)
     except OSError:
         os.close(file)
         raise
