@@ -14,6 +14,7 @@ usage: python3 dev.py COMMAND [ARGS...]
              Never needed: without, everything runs interpreted. Takes a C compiler and some minutes
   wheel      build into dist/ the wheel for every platform and, for each Python that is here or that is named (`wheel 3.12`),
              the one with the compiled form for this platform, checked and named by auditwheel on Linux
+  windows    set up, then run the client side by Windows' own Python under Wine, where Wine is; `--keep` uses that of before
   rerecord   set up, then record the sessions of tests/recordings anew: when behaviour is meant to change
   run        set up, then any command of the environment: `python3 dev.py run cogrip --help`
   lock       write requirements.lock again from pyproject.toml; `--upgrade` takes newer versions
@@ -138,6 +139,13 @@ def bench(*args: str) -> int:
 def _put_tests_on_path() -> None:
     """Put this folder on the path of the Pythons to come: PYTHONSAFEPATH would leave it out, and `tests` is no package."""
     os.environ["PYTHONPATH"] = os.pathsep.join([str(ROOT), *filter(None, [os.environ.get("PYTHONPATH")])])
+
+
+def windows(*args: str) -> int:
+    os.chdir(ROOT)
+    prepare()
+    _put_tests_on_path()
+    return _become("python", "-m", "tests.wine", *args)
 
 
 def lint(*args: str) -> int:
@@ -327,6 +335,7 @@ COMMANDS: dict[str, Callable[..., int]] = {
     "lint": lint,
     "compile": compile_,
     "wheel": wheel,
+    "windows": windows,
     "rerecord": rerecord,
     "run": run,
     "lock": lock,

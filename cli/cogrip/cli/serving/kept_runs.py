@@ -55,6 +55,7 @@ class Keeping:
         self._wanting = run_folder is None
         if run_folder is not None:
             try:
+                run_folder.mkdir(parents=True, exist_ok=True)
                 stack.callback(os.close, mark_run(run_folder))
             except OSError as error:
                 say(f"warning: {run_folder}: {error.strerror}; no --keep-days or --keep-gb will remove this run")
