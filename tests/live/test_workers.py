@@ -208,3 +208,57 @@ def test_the_rooms_of_a_front_that_is_killed_are_found_by_the_next_server(start,
     ben.hear(r"resumed after ([\d.]+) s")
     again.hear("cellar: ben resumed from")
     leave(ben)
+
+
+@fairly
+def test_rooms_on_demand_are_spread_over_workers_and_outlast_a_kill(start, tmp_path, join):
+    template = tmp_path / "lesson.toml"
+    template.write_text(DEMO.read_text(encoding="utf-8").replace('name = "demo"', 'name = "lesson"'), "utf-8")
+    rooms = Rooms(start, tmp_path, "--encrypted", "--template", f"{template}:3", "--empty-after", "600")
+    rooms.process.hear("3 rooms on demand of template lesson")
+
+    def opened(name: str) -> str:
+        return re.search(r"cogrip:\S+", rooms.ask("room", "new", "lesson", "--name", name, "--label", "class=physics"))[
+            0
+        ]
+
+    links = {name: opened(name) for name in ("one", "two", "three")}
+    for words, why in (
+        (("room", "new", "lesson"), "all rooms of template 'lesson' are open; close one"),
+        (("room", "new", "lesson", "--name", "one"), "there is a room 'one' already"),
+        (("room", "new", "lesson", "--name", "hall"), "there is a room 'hall' already"),
+        (("room", "close", "attic"), "no room 'attic' was opened on demand; there is: one, two, three"),
+    ):
+        assert why in rooms.ask(*words, code=1)
+    anna, ben = (join((links[room],), "--name", name) for room, name in (("one", "anna"), ("two", "ben")))
+    for person in (anna, ben):
+        person.hear("holds cube in room")
+    listed = rooms.ask("room", "list", "--label", "class=physics")
+    assert re.search(r"one +lesson +1 of 2", listed)
+    assert re.search(r"three +lesson +0 of 2", listed)
+    assert "one: object.mass_kg=0.3" in rooms.ask("set", "object.mass_kg=0.3", "--room", "one")
+    rooms.process.rewind()
+    before = [int(rooms.process.hear(rf"worker {number} \(process (\d+)\) serves")[1]) for number in (1, 2)]
+    until(
+        lambda: sum(
+            bool(seat.ticket)
+            for kept in rooms.state.glob("checkpoint-lesson*.bin")
+            for seat in decode(checkpoint_file.read(kept) or b"").seats
+        ) == 2,
+        "both seats are kept",
+    )  # fmt: skip
+    for process in before:
+        os.kill(process, signal.SIGKILL)
+    for person in (anna, ben):
+        person.hear(r"resumed after [\d.]+ s")
+        person.hear("force ramps in")
+    assert re.search(r"one +lesson +1 of 2", rooms.ask("room", "list"))
+    assert "closed; sessions ended: 1" in rooms.ask("room", "close", "two")
+    assert ben.end() == 1, "whoever is in a room that is closed is sent out"
+    late = join((links["two"],), "--name", "ben")
+    assert late.end() == 1
+    assert "this token was revoked" in late.said
+    assert "cogrip:" in rooms.ask("room", "new", "lesson", "--name", "four"), "its place is free again"
+    leave(anna)
+    rooms.process.popen.send_signal(signal.SIGTERM)
+    assert rooms.process.end() == 0, rooms.process.said

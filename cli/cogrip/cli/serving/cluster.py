@@ -133,7 +133,7 @@ class ClusterServer:
         return msgspec.json.encode(
             RoomJob(
                 (room,), str(self._folder.shared), str(flags.runs.absolute()), served.record, served.report, self._lines.form,
-                True, dict(served.rates), FLOOR_BYTES, None, self.bound[0] if loopback else wildcard, served.encrypted,
-                flags.ports, flags.in_memory,
+                True, dict(served.rates), FLOOR_BYTES, None, host=self.bound[0] if loopback else wildcard,
+                encrypted=served.encrypted, ports=flags.ports, in_memory=flags.in_memory,
             )
         )  # fmt: skip

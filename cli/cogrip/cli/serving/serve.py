@@ -151,8 +151,10 @@ def serve(
     keeping.check()
     if encrypted:
         rooms = [for_remote_clients(room) for room in rooms]
-    if spare and (workers != 1 or cluster is not None):
-        raise BadInput("--template is for rooms in one process: leave --workers and --cluster out")
+    if spare and cluster is not None:
+        raise BadInput(
+            "--template is for rooms of one host: leave --cluster out; docs/scaling.md has fleets of servers"
+        )
     count = worker_count(workers, len(rooms))
     if count > 1 and trigger is not None:
         raise BadInput("--trigger is for one process: leave --workers out, or serve its room by another server")

@@ -19,13 +19,14 @@ from cogrip.protocol.settings.network_rate import RateChoice
 from cogrip.protocol.settings.sections import Settings
 from cogrip.protocol.version import VERSION
 from cogrip.results.reading.folder import SERVER_RECORDING, write_settings
-from cogrip.server.hosting.link import Assign, LinkEndedError, ProcessLink, Ready
+from cogrip.server.hosting.link import Assign, LinkEndedError, ProcessLink, Ready, RoomOnDemand
 from cogrip.server.hosting.orders import LinkMeasures, LinkOrders
 from cogrip.server.hosting.workers.channel import WorkerChannel
 from cogrip.server.hosting.workers.paths import WorkerSockets
 from cogrip.server.hosting.workers.verdicts import FrontVerdicts
 from cogrip.server.io.housekeeping import Housekeeping
 from cogrip.server.io.loop import LiveServer
+from cogrip.server.io.rooms_on_demand import EMPTY_S
 from cogrip.server.io.state_folder import StateFolder
 from cogrip.server.rate_limit import RateLimiter, limits_for
 from cogrip.server.room import Room
@@ -44,6 +45,8 @@ class WorkerJob(msgspec.Struct, frozen=True):
     rates: dict[str, RateChoice]  # choice of the rate of each room that asked for "auto"
     floor_bytes: int  # bytes of a disk that recordings leave free
     hand_over_s: float | None  # wait for the next server, as `LiveServer.hand_over_s`
+    templates: dict[str, tuple[str, ...]] = {}  # names of the spare rooms of each template
+    empty_s: float = EMPTY_S  # how long a room on demand may be empty
 
 
 def main(arguments: list[str]) -> int:
@@ -81,11 +84,18 @@ def _serve(link: ProcessLink, job: WorkerJob, number: int) -> int:
     runs = Path(job.runs) if job.runs else None
     if runs is not None:
         server.record_at = runs / f"worker-{number}" / SERVER_RECORDING if job.record else None
+    own = {name: tuple(filter(first.rooms.__contains__, spare)) for name, spare in job.templates.items()}
+    folder = StateFolder(Path(job.state)) if job.state else None
     housekeeping = Housekeeping(
-        server, lines.say, folder=StateFolder(Path(job.state)) if job.state else None, authenticator=verdicts,
-        metrics=LinkMeasures(link) if job.metrics else None, software=VERSION, fresh=first.fresh, orders=orders,
+        server, lines.say, folder=folder, authenticator=verdicts, metrics=LinkMeasures(link) if job.metrics else None,
+        software=VERSION, fresh=first.fresh, orders=orders, templates={name: spare for name, spare in own.items() if spare},
+        empty_s=job.empty_s,
+        room_changed=lambda room, is_open: link.send(RoomOnDemand(room.called, room.template, is_open)),
     )  # fmt: skip
     housekeeping.begin()
+    for room in server.core.rooms:
+        if room.template and room.is_open:  # by its checkpoint
+            link.send(RoomOnDemand(room.called, room.template, True))
     link.send(Ready())
     try:
         server.run()
@@ -107,6 +117,8 @@ def conclude(server: LiveServer, job: WorkerJob, losses: dict[str, int], lines: 
     well = True
     console = make_console(soft_wrap=True, stderr=True)
     for room in server.core.rooms:
+        if room.template:  # whatever was opened under it, and more than once
+            continue
         summary = of_room(room, server.elapsed_s, losses)
         well = well and (succeeded(summary) or not came(summary))
         if job.runs and came(summary):

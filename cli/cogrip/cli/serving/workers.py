@@ -55,7 +55,7 @@ class WorkerServer:
                 "each person gets a socket of the worker's: this kernel steers nobody, or not safely (docs/scaling.md)"
             )
         own = [each.fileno() for each in self._steering.own] if self._steering else []
-        self._pool = WorkerPool(groups, self._start, fresh, self._public.fileno(), own)
+        self._pool = WorkerPool(groups, self._start, fresh, self._public.fileno(), own, served.templates)
 
     def _start(self, number: int, link_end: int) -> subprocess.Popen[bytes]:
         """Start a worker; what it says goes where this process says its own."""
@@ -70,12 +70,13 @@ class WorkerServer:
     def begin(self, feed: MetricsFeed | None, told: Mapping[str, Sequence[str]]) -> Administration:
         """Start the workers, and wait until they serve. Raises Problem."""
         served, say, keeping = self._served, self._lines.say, self._keeping
-        run_folder = keeping.begin(served.rooms, say, self._stack)
+        run_folder = keeping.begin(served.standing or served.rooms, say, self._stack)
         for_workers = WorkerJob(
             tuple(served.rooms), str(served.folder.path) if served.folder else "", str(run_folder or ""), served.record,
             served.report, self._lines.form, feed is not None, dict(served.rates), keeping.floor_bytes, self._hand_over_s,
+            {name: tuple(spare) for name, spare in served.templates.items()}, served.empty_s,
         )  # fmt: skip
-        authenticator = served.authenticator
+        authenticator, by_name = served.authenticator, {room.name: room for room in served.rooms}
         try:
             self._job_file = memory_file(msgspec.json.encode(for_workers))
             self._stack.callback(os.close, self._job_file)
@@ -86,9 +87,11 @@ class WorkerServer:
             open_channel: Callable[[Callable[[Address], bool]], FrontChannel] = lambda asks: front_channel_of(  # noqa: E731
                 asks, served.rooms, served.key_folder
             )
+            of_template = {name: by_name[spare[0]] for name, spare in served.templates.items()}
             self._front = Front(
-                self._public, served.rooms, self._pool, self._stop, say, open_channel, authenticator, self._steering
-            )
+                self._public, served.standing, self._pool, self._stop, say, open_channel, authenticator, self._steering,
+                of_template,
+            )  # fmt: skip
             control = Control(served.folder) if served.folder else None
         except StateError as error:
             raise Problem(str(error)) from None

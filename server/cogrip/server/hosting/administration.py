@@ -32,6 +32,7 @@ from cogrip.server.io.authenticator import READING, TokenAuthenticator
 from cogrip.server.io.control import Control
 from cogrip.server.io.metrics_feed import MetricsFeed
 from cogrip.server.io.published_state import PublishedState
+from cogrip.server.io.rooms_on_demand import all_open, drawn_name, none_opened, unfit_name, unknown_template
 from cogrip.server.io.service_notify import ServiceNotifier
 from cogrip.server.snapshot import Snapshot
 
@@ -75,7 +76,7 @@ class Administration:
             self._say = front.say = control.publishing(say)
             control.metrics_at = metrics.address if metrics is not None else ""
         if authenticator is not None:
-            front.revoke = authenticator.revoke
+            front.revoke, front.revoke_room = authenticator.revoke, authenticator.revoke_room
 
     def begin(self) -> None:
         """Notify that all is ready, and work between the front's datagrams."""
@@ -153,15 +154,16 @@ class Administration:
             text, ok = self._drain(order.host)
             self._control.answer(request, OrderReply(ok, text))
             return
-        if isinstance(order, NewRoomOrder | CloseRoomOrder):
-            text = (
-                "rooms on demand are of a server without --workers and --cluster: start one with --template FILE:COUNT"
-            )
-            self._control.answer(request, OrderReply(False, text))
+        if isinstance(order, NewRoomOrder):
+            self._open_room(request, order, now_ns)
+            return
+        if isinstance(order, CloseRoomOrder) and order.room not in self._front.opened:
+            self._control.answer(request, OrderReply(False, none_opened(order.room, self._front.opened)))
             return
         room = "" if isinstance(order, StatusOrder | ReloadOrder) else order.room
-        if isinstance(order, SetRoomOrder) and not room and len(self._front.rooms) > 1:
-            names = ", ".join(sorted(self._front.rooms))
+        names_here = sorted([*self._front.rooms, *self._front.opened])
+        if isinstance(order, SetRoomOrder) and not room and len(names_here) > 1:
+            names = ", ".join(names_here)
             self._control.answer(request, OrderReply(False, f"there are several rooms; name one by --room: {names}"))
             return
         if isinstance(order, SetHandOrder) and not room:
@@ -173,11 +175,34 @@ class Administration:
             room = seats[0] if seats else ""
         ready = [worker for worker in self._front.homes.workers if worker.state == "ready"]
         home = self._front.homes.home(room) if room else None
-        asked = [home] if home is not None else ready
+        self._ask(request, [home] if home is not None else ready, now_ns)
+
+    def _ask(self, request: Request, asked: list[HomeProcess], now_ns: int) -> None:
+        """Hand an order over to these processes, and wait for their answers."""
         self._number += 1
         self._waiting[self._number] = _WaitingOrder(request, asked, now_ns + ANSWER_NS)
         for worker in list(asked):
-            worker.link.send(Obey(self._number, order))
+            worker.link.send(Obey(self._number, request.order))
+
+    def _open_room(self, request: Request, order: NewRoomOrder, now_ns: int) -> None:
+        """Let the process with the most rooms of a template left open one, or say why not."""
+        assert self._control is not None
+        front, homes, name = self._front, self._front.homes, order.name or drawn_name(order.template)
+        opening = [each for each in self._waiting.values() if isinstance(each.request.order, NewRoomOrder)]
+        spare = {room for names in homes.templates.values() for room in names}
+        taken = {*front.rooms, *front.opened, *spare, *(_opened_by(each) for each in opening)}
+        left = dict(homes.spare(order.template))
+        for each in opening:
+            for home in each.asked:
+                left[home] = left.get(home, 0) - 1  # also where it is of another template: it does for a moment
+        most = max(left, key=lambda each: left[each], default=None)
+        why = unknown_template(order.template, homes.templates) or unfit_name(name)
+        if not why and name in taken:
+            why = f"there is a room {name!r} already; give another name"
+        if why or most is None or left[most] <= 0:
+            self._control.answer(request, OrderReply(False, why or all_open(order.template)))
+            return
+        self._ask(request._replace(order=msgspec.structs.replace(order, name=name)), [most], now_ns)
 
     def _take_answer(self, given: Answered) -> None:
         each = self._waiting.get(given.number)
@@ -190,9 +215,14 @@ class Administration:
 
     def _answer(self, each: _WaitingOrder) -> None:
         assert self._control is not None
-        answer = merged(each.request.order, each.answers, len(self._front.rooms))
+        front = self._front
+        answer = merged(each.request.order, each.answers, len(front.rooms) + len(front.opened))
         if isinstance(each.request.order, StatusOrder):
-            answer = msgspec.structs.replace(answer, degraded=self._degraded())
+            spare = {
+                name: add_integers(count for _, count in front.homes.spare(name)) for name in front.homes.templates
+            }
+            text = "; ".join([answer.text, *(f"{count} spare of {name}" for name, count in spare.items())])
+            answer = msgspec.structs.replace(answer, text=text, degraded=self._degraded())
         self._control.answer(each.request, answer)
 
     def _snapshot(self, now_ns: int) -> Snapshot:
@@ -225,6 +255,11 @@ class Administration:
             **self.more_degraded(),
         }
         return {name: why for name, why in degraded.items() if why}
+
+
+def _opened_by(waiting: _WaitingOrder) -> str:
+    order = waiting.request.order
+    return order.name if isinstance(order, NewRoomOrder) else ""
 
 
 def merged(order: object, answers: Sequence[OrderReply], rooms: int) -> OrderReply:

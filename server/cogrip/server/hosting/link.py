@@ -181,6 +181,14 @@ class Answered(ToFront, frozen=True, tag="answered"):
     answer: OrderReply
 
 
+class RoomOnDemand(ToFront, frozen=True, tag="on demand"):
+    """A room of this template is open under this name, or is about to be closed."""
+
+    called: str
+    template: str
+    is_open: bool
+
+
 class NewSnapshot(ToFront, frozen=True, tag="measured"):
     """Newest snapshot of the worker, encoded."""
 
@@ -218,6 +226,7 @@ AnyToFront = (
     | SeatGiven
     | RevokeToken
     | Answered
+    | RoomOnDemand
     | NewSnapshot
     | Said
     | Saved

@@ -114,7 +114,14 @@ class Homes(Protocol):
     unknown   why what is known of the rooms is old; "" where it is not
     replaced  count of processes that died and were replaced
     rereads   whether each room reads the tokens by itself, and must be told to
+    templates names of the spare rooms of each template; none where there are no rooms on demand
     """
+
+    @property
+    def templates(self) -> Mapping[str, Sequence[str]]: ...
+
+    def spare(self, template: str) -> "Sequence[tuple[HomeProcess, int]]":
+        """Return each process that serves rooms, and how many of a template it has left."""
 
     @property
     def unknown(self) -> str: ...

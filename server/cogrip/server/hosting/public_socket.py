@@ -36,9 +36,11 @@ class FrontChannel(Channel, Protocol):
 class PublicSocket:
     """Front of some rooms, wherever they run.
 
+    opened    settings of each room that was opened on demand, by the name that it has now
     homes     processes that serve them
     chores    called some 20 times a second with the time [ns]
-    answered  called with the number of an order and its answer; revoke: with the id of a token that a room revokes
+    answered  called with the number of an order and its answer; revoke: with the id of a token that a room revokes;
+              revoke_room: with the name of a room that is closed
     """
 
     def __init__(
@@ -46,10 +48,12 @@ class PublicSocket:
         channel: FrontChannel, authenticator: "Authenticator | None" = None,
     ) -> None:  # fmt: skip
         self.rooms = {room.name: room for room in rooms}
+        self.opened: dict[str, Settings] = {}
         self.homes = homes
         self.chores: list[Callable[[int], None]] = []
         self.answered: Callable[[Answered], None] = lambda answer: None
         self.revoke: Callable[[str], None] = lambda token: None
+        self.revoke_room: Callable[[str], None] = lambda room: None
         self.dropped: Counter[str] = Counter()
         self.received = 0
         self.sent = 0
@@ -127,15 +131,18 @@ class PublicSocket:
         grant = verdict if isinstance(verdict, Grant) else None
         wanted = hello.room or (grant.room if grant else "")
         if wanted:
-            there = ", ".join(self.rooms)
-            return wanted if wanted in self.rooms else verdict if isinstance(verdict, Denied) else Denied(
-                "room", f"there is no room {wanted!r} here; there is: {there}"
-            )  # fmt: skip
+            if wanted in self.rooms or wanted in self.opened:
+                return wanted
+            there = ", ".join((*self.rooms, *self.opened)) or "none"
+            none = Denied("room", f"there is no room {wanted!r} here; there is: {there}")
+            return verdict if isinstance(verdict, Denied) else none
         name = hello.name or (grant.user if grant else "")
         with_name = [room for room in self.rooms.values() if not name or any(user.name == name for user in room.users)]
         for room in with_name:
             if any((room.name, user.name) not in taken and name in ("", user.name) for user in room.users):
                 return room.name
+        if not self.rooms:
+            return Denied("room", "there are rooms on demand alone here; name the one that was opened")
         return (with_name or list(self.rooms.values()))[0].name
 
     def _refuse(self, hello: Hello, denied: Denied, address: PeerAddress) -> None:

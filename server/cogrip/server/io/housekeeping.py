@@ -125,6 +125,7 @@ class Housekeeping:
         orders: Orders | None = None,
         checkpoints: Callable[[str, Callable[[str], None]], Checkpoints] | None = None,
         templates: Mapping[str, Sequence[str]] = MappingProxyType({}),
+        room_changed: Callable[[Room, bool], object] = lambda room, opened: None,
         empty_s: float = EMPTY_S,
     ) -> None:
         """fresh: begin with every object at its start, whatever checkpoints there are. Raises ControlError.
@@ -132,6 +133,7 @@ class Housekeeping:
         orders: source of orders; that of the folder if not given
         checkpoints: makes those of a room, given what reports a failure; files of the folder if not given
         templates: names of the spare rooms of each template; empty_s: how long one that was opened may be empty
+        room_changed: is called with a room that was opened, or is about to be closed
         """
         self.published: PublishedState | None = None
         self.more_degraded: Callable[[], Mapping[str, str]] = dict
@@ -147,6 +149,7 @@ class Housekeeping:
         if isinstance(self._control, Control):
             self._say = server.say = self._control.publishing(say)
             self._control.metrics_at = metrics.address if metrics is not None else ""
+        self._tell_room = room_changed
         self._on_demand = RoomsOnDemand(server.core, entry_of, self._room_changed, empty_s)
         for template, spare in templates.items():
             server.core.handle(inputs.SpareRooms(template, tuple(spare)), time.monotonic_ns())
@@ -310,6 +313,7 @@ class Housekeeping:
     def _room_changed(self, room: Room, opened: bool) -> None:
         """Write the checkpoint of a room on demand; revoke the tokens of one that is about to be closed."""
         self._used[room] = None
+        self._tell_room(room, opened)
         if not opened and self._authenticator is not None:
             self._authenticator.revoke_room(room.called)
 

@@ -8,7 +8,7 @@ import re
 import secrets
 import time
 from collections import Counter
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 
 from cogrip.protocol.settings.types import NAME_PATTERN
 from cogrip.server import inputs
@@ -18,6 +18,34 @@ from cogrip.server.room import Room
 
 EMPTY_S = 300.0  # time for which a room on demand may be empty, if nothing else is asked for
 DRAWN = "abcdefghjkmnpqrstuvwxyz23456789"  # letters of a name that is drawn: none is taken for another
+
+
+def drawn_name(template: str) -> str:
+    """Return a name for a room of a template that nobody has named."""
+    return f"{template}-{''.join(secrets.choice(DRAWN) for _ in range(4))}"
+
+
+def unfit_name(name: str) -> str:
+    """Return why no room can have this name, "" where one can."""
+    cure = "write letters, digits, blanks and . _ -, a letter or digit first, at most 40"
+    return "" if re.match(NAME_PATTERN, name) else f"{name!r} is no name of a room; {cure}"
+
+
+def unknown_template(template: str, there: Iterable[str]) -> str:
+    """Return that there is no such template, "" where there is."""
+    known = [*there]
+    words = ", ".join(known) or "none; start the server with --template FILE:COUNT"
+    return "" if template in known else f"there is no template {template!r}; there is: {words}"
+
+
+def all_open(template: str) -> str:
+    """Return that no room of a template is left."""
+    return f"all rooms of template {template!r} are open; close one, or wait until one has been empty for a while"
+
+
+def none_opened(called: str, there: Iterable[str]) -> str:
+    """Return that no room of this name was opened."""
+    return f"no room {called!r} was opened on demand; there is: {', '.join(there) or 'none'}"
 
 
 class RoomsOnDemand:
@@ -41,18 +69,14 @@ class RoomsOnDemand:
 
     def open(self, order: NewRoomOrder) -> OrderReply:
         """Open a room, or say why not."""
-        spare = self.spare()
-        if order.template not in spare:
-            there = ", ".join(spare) or "none; start the server with --template FILE:COUNT"
-            return OrderReply(False, f"there is no template {order.template!r}; there is: {there}")
+        if why := unknown_template(order.template, self.spare()):
+            return OrderReply(False, why)
         room = next((room for room in self._core.rooms if room.template == order.template and not room.is_open), None)
         if room is None:
-            cure = "close one, or wait until one has been empty for a while"
-            return OrderReply(False, f"all rooms of template {order.template!r} are open; {cure}")
-        name = order.name or f"{order.template}-{''.join(secrets.choice(DRAWN) for _ in range(4))}"
-        if not re.match(NAME_PATTERN, name):
-            cure = "write letters, digits, blanks and . _ -, a letter or digit first, at most 40"
-            return OrderReply(False, f"{name!r} is no name of a room; {cure}")
+            return OrderReply(False, all_open(order.template))
+        name = order.name or drawn_name(order.template)
+        if why := unfit_name(name):
+            return OrderReply(False, why)
         try:
             self._core.handle(inputs.OpenRoom(room.name, name, dict(order.labels)), time.monotonic_ns())
         except ValueError as error:
@@ -67,8 +91,9 @@ class RoomsOnDemand:
             (room for room in self._core.rooms if room.is_open and room.template and room.called == called), None
         )
         if room is None:
-            there = ", ".join([each.called for each in self._core.rooms if each.is_open and each.template]) or "none"
-            return f"no room {called!r} was opened on demand; there is: {there}", False
+            return none_opened(
+                called, [each.called for each in self._core.rooms if each.is_open and each.template]
+            ), False
         self._changed(room, False)
         self._since_ns.pop(room, None)
         ended = self._core.handle(inputs.CloseRoom(room.name, reason), time.monotonic_ns())

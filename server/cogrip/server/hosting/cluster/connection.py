@@ -14,6 +14,7 @@ from collections.abc import Callable, Iterable, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
 from functools import partial
+from types import MappingProxyType
 
 import msgspec
 
@@ -83,6 +84,7 @@ class RemoteRooms:
     """
 
     replaced = 0  # always 0: the directory counts the processes that it replaces
+    templates: Mapping[str, Sequence[str]] = MappingProxyType({})  # there are no rooms on demand
 
     def __init__(
         self, address: str, command: Sequence[str], loopback: bool, folder: StateFolder, guarded: bool = False
@@ -149,6 +151,10 @@ class RemoteRooms:
             )
             for room, home in self.homes.items()
         ]
+
+    def spare(self, template: str) -> Sequence[tuple[RemoteRoom, int]]:
+        """Return none: see `templates`."""
+        return ()
 
     def home(self, room: str) -> RemoteRoom | None:
         """Return a room; None while nobody serves it."""

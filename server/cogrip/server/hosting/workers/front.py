@@ -11,7 +11,8 @@ import selectors
 import socket
 import time
 from collections import Counter, deque
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
+from types import MappingProxyType
 from typing import NamedTuple
 
 from cogrip.machine.stop import Stop
@@ -38,6 +39,7 @@ from cogrip.server.hosting.link import (
     Ready,
     Released,
     RevokeToken,
+    RoomOnDemand,
     Say,
     SeatGiven,
     Stray,
@@ -83,9 +85,12 @@ class Front(PublicSocket):
         self, public: socket.socket, rooms: Sequence[Settings], pool: WorkerPool, stop: Stop,
         say: Callable[[ServerEvent], None], open_channel: Callable[[Callable[[Address], bool]], FrontChannel],
         authenticator: "Authenticator | None" = None, steering: Steering | None = None,
+        templates: Mapping[str, Settings] = MappingProxyType({}),
     ) -> None:  # fmt: skip
-        """steering: None where each path is a socket of its own."""
-        self._asking: dict[Address, tuple[Worker, str, int]] = {}  # worker, token and when, of hellos without an answer
+        """steering: None where each path is a socket of its own. templates: settings of rooms on demand."""
+        # worker, token, when, and room, of hellos without an answer
+        self._asking: dict[Address, tuple[Worker, str, int, str]] = {}
+        self._templates = templates
         self._waiting: dict[PeerAddress, Waiting] = {}  # newest of each address, in their order
         channel = open_channel(lambda address: address in self._asking)
         super().__init__(public, rooms, pool, stop, say, channel, authenticator)
@@ -209,7 +214,7 @@ class Front(PublicSocket):
             )  # the token may be good for one time
         else:
             self._waiting.pop(address, None)
-            self._asking[address] = worker, token, now_ns
+            self._asking[address] = worker, token, now_ns, room
             shown = self._authenticator.shown(hello) if hello.ticket else None
             worker.link.send(Ask(address, message, verdict, arrived_ns, shown))
 
@@ -223,7 +228,8 @@ class Front(PublicSocket):
 
     def _too_many(self, token: str, room: str, address: Address) -> Denied | None:
         """Return a refusal where the token holds as many seats in other workers as it may in all."""
-        home, most = self.pool.home(room), self.rooms[room].admission.seats_per_token
+        settings = self.opened.get(room) or self.rooms[room]
+        home, most = self.pool.home(room), settings.admission.seats_per_token
         others = [each for at, each in self.seated.items() if each.token == token and each.user and at != address]
         if not token or len(others) < most or all(each.worker is home for each in others):
             return None
@@ -264,14 +270,30 @@ class Front(PublicSocket):
             case Released():
                 if self._is_at(given.address, worker):
                     self._unseat(given.address)
+            case NewSnapshot():
+                worker.snapshot = decode(given.snapshot)
+            case _:
+                self._follow_administration(worker, given)
+
+    def _follow_administration(self, worker: Worker, given: AnyToFront) -> None:
+        match given:
             case SeatGiven():
                 self._authenticator.admitted(given.grant)
             case RevokeToken():
                 self.revoke(given.token)
             case Answered():
                 self.answered(given)
-            case NewSnapshot():
-                worker.snapshot = decode(given.snapshot)
+            case RoomOnDemand():
+                self._follow_room(worker, given)
+
+    def _follow_room(self, worker: Worker, given: RoomOnDemand) -> None:
+        """Take in that a room was opened, or is about to be closed: its links are then void."""
+        if given.is_open:
+            self.pool.opened[given.called] = worker.group, given.template
+            self.opened[given.called] = self._templates[given.template]
+        elif self.pool.opened.pop(given.called, None) is not None:
+            del self.opened[given.called]
+            self.revoke_room(given.called)
 
     def _is_at(self, address: Address, worker: Worker) -> bool:
         """Return whether a peer has its seat at this worker."""
@@ -304,7 +326,8 @@ class Front(PublicSocket):
         if self._open_path(worker, address, keys):
             settings = message.settings
             user = settings.user if message.role == "player" else ""
-            self.seated[address] = Seated(worker, settings.room, user, asked[1] if asked else "")
+            room, token = (asked[3], asked[1]) if asked else (settings.room, "")
+            self.seated[address] = Seated(worker, room, user, token)
 
     def _open_path(self, worker: Worker, address: PeerAddress, keys: SessionKeys | None) -> bool:
         """Let a worker have a peer's datagrams from now on. Return False, with a count, where it cannot."""

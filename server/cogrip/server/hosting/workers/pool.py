@@ -5,8 +5,10 @@ second of a processor.
 """
 
 import subprocess
-from collections.abc import Callable, Sequence
+from collections import Counter
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
+from types import MappingProxyType
 from typing import Literal
 
 from cogrip.machine.server_platform import message_pair
@@ -39,8 +41,10 @@ class Worker:
 class WorkerPool:
     """Workers of the rooms in `groups`, and one spare, which `add` starts: a start takes longer than anyone should wait.
 
-    workers  those that are alive, the spare among them
-    replaced count of workers that died
+    workers   those that are alive, the spare among them
+    replaced  count of workers that died
+    templates names of the spare rooms of each template
+    opened    group and template of each room that was opened on demand, by the name that it has now
     """
 
     unknown = ""  # nothing that is known of the rooms is old: the links are local
@@ -48,7 +52,7 @@ class WorkerPool:
 
     def __init__(
         self, groups: Sequence[Sequence[str]], start: Start, fresh: bool, public: int | None = None,
-        own: Sequence[int] = (),
+        own: Sequence[int] = (), templates: Mapping[str, Sequence[str]] = MappingProxyType({}),
     ) -> None:  # fmt: skip
         """fresh: what `--fresh` says, for the first workers; public: descriptor of the front's socket, to send by.
 
@@ -56,6 +60,8 @@ class WorkerPool:
         """
         self.workers: list[Worker] = []
         self.replaced = 0
+        self.templates = templates
+        self.opened: dict[str, tuple[int, str]] = {}
         self._start = start
         self._number = 0
         self._voided: tuple[set[str], set[str]] = (set(), set())
@@ -103,8 +109,17 @@ class WorkerPool:
                 worker.link.send(Void(tuple(sorted(revoked)), tuple(sorted(expired))))
 
     def home(self, room: str) -> Worker | None:
-        """Return the worker that serves a room; None while none does."""
-        return next((worker for worker in self.workers if room in worker.rooms and worker.state == "ready"), None)
+        """Return the worker that serves a room, by its name or the one that it was opened under; None while none does."""
+        group, _ = self.opened.get(room, (-1, ""))
+        ready = [worker for worker in self.workers if worker.state == "ready"]
+        return next((worker for worker in ready if worker.group == group or (group < 0 and room in worker.rooms)), None)
+
+    def spare(self, template: str) -> Sequence[tuple[Worker, int]]:
+        """Return each worker that is ready, and how many rooms of a template it has left."""
+        names = {*self.templates.get(template, ())}
+        used = Counter(group for group, each in self.opened.values() if each == template)
+        ready = [worker for worker in self.workers if worker.state == "ready"]
+        return [(worker, len(names.intersection(worker.rooms)) - used[worker.group]) for worker in ready]
 
     def replace(self, dead: Worker) -> tuple[str, ...]:
         """Let the spare serve the rooms of a worker that has ended, and start another spare. Returns the rooms."""

@@ -37,7 +37,7 @@ class FrontVerdicts:
         self._expired.update(expired)
 
     def revoke_room(self, room: str) -> None:
-        """Do nothing: there are no rooms on demand here."""
+        """Do nothing: the front hears that the room is closed."""
 
     def revoke(self, ident: str) -> None:
         """Let the front revoke a token."""
