@@ -3798,10 +3798,29 @@ static int text_fits(const char *text, size_t bytes) {
     return !text || (strlen(text) <= bytes && code_points((const unsigned char *)text, strlen(text)) >= 0);
 }
 
-cogrip_client *cogrip_init(void *memory, size_t bytes, const cogrip_config *config, char *error, size_t error_bytes) {
+const char *cogrip_version(void) { return COGRIP_VERSION; }
+int cogrip_abi(void) { return COGRIP_ABI; }
+size_t cogrip_client_bytes(void) { return COGRIP_CLIENT_BYTES; }
+
+/* Take a config of a program that was compiled with another cogrip.h: what an older one lacks is 0, what a newer one has more
+ * must be 0. Returns 0 where it is not. */
+static int take_config(cogrip_config *into, const cogrip_config *from, size_t bytes) {
+    const unsigned char *at = (const unsigned char *)from;
+    memset(into, 0, sizeof *into);
+    memcpy(into, from, bytes < sizeof *into ? bytes : sizeof *into);
+    for (size_t more = sizeof *into; more < bytes; more++)
+        if (at[more]) return 0;
+    return 1;
+}
+
+cogrip_client *cogrip_init(
+    void *memory, size_t bytes, const cogrip_config *asked, size_t config_bytes, char *error, size_t error_bytes) {
     cogrip_client *client = (cogrip_client *)memory;
+    cogrip_config given, *config = &given;
     const char *wrong = NULL;
+    const int known = take_config(config, asked, config_bytes);
     if (!memory || bytes < sizeof *client) wrong = "memory: give COGRIP_CLIENT_BYTES";
+    else if (!known) wrong = "config: a setting that this library does not know yet; install a newer libcogrip";
     else if (config->axes < 1 || config->axes > AXES) wrong = "axes: 1 to 3";
     else if (!(config->rate_hz >= (double)LEAST_DEVICE_HZ && config->rate_hz <= 1e6)) wrong = "rate_hz: 250 to 10^6";
     else if (!(config->peak_force_n > 0.0 && config->peak_force_n < NO_BOUND)) wrong = "peak_force_n: above 0, below 10^6";
@@ -3903,7 +3922,7 @@ uint64_t cogrip_count(const cogrip_client *client, int which) { return which >= 
     && which < COGRIP_COUNTS ? client->counts[which] : 0; }
 const char *cogrip_count_name(int which) { return which >= 0 && which < COGRIP_COUNTS ? count_names[which] : ""; }
 
-void cogrip_get_status(const cogrip_client *client, cogrip_status *status) {
+static void fill_status(const cogrip_client *client, cogrip_status *status) {
     const settings *seat = &client->seat.seat;
     memset(status, 0, sizeof *status);
     status->state = client->state;
@@ -3916,6 +3935,7 @@ void cogrip_get_status(const cogrip_client *client, cogrip_status *status) {
     status->line_margin_j = client->goodbye.line_margin_j;
     status->peak_force_n = client->peak_force_n;
     status->peak_step_n = client->peak_step_n;
+    status->gain = client->gain;
     if (!client->seat.session) return;
     status->axes = client->axes;
     status->device_hz = seat->device_hz;
@@ -3934,6 +3954,18 @@ void cogrip_get_status(const cogrip_client *client, cogrip_status *status) {
     status->down = down_count(client);
     copy_text(status->room, sizeof status->room, seat->room);
     copy_text(status->user, sizeof status->user, seat->user);
+}
+
+/* Give a struct to a program that may have been compiled with an older or a newer cogrip.h. */
+static void give(void *into, size_t into_bytes, const void *from, size_t from_bytes) {
+    memset(into, 0, into_bytes);
+    memcpy(into, from, into_bytes < from_bytes ? into_bytes : from_bytes);
+}
+
+void cogrip_get_status(const cogrip_client *client, cogrip_status *status, size_t status_bytes) {
+    cogrip_status known;
+    fill_status(client, &known);
+    give(status, status_bytes, &known, sizeof known);
 }
 
 /* ---- Join links [12] ------------------------------------------------------------------------- */
@@ -4074,7 +4106,7 @@ static const char *parse_link(char *text, cogrip_target *target) {
     return split_place(text, "%25", target);
 }
 
-int cogrip_parse_target(const char *text, cogrip_target *target, char *error, size_t error_bytes) {
+static const char *read_target(const char *text, cogrip_target *target) {
     static const char scheme[] = "cogrip:";
     char copy[1001];
     const char *wrong = NULL, *end;
@@ -4096,6 +4128,13 @@ int cogrip_parse_target(const char *text, cogrip_target *target, char *error, si
         else wrong = split_place(copy, "%", target);
     }
     if (wrong) memset(target, 0, sizeof *target);
+    return wrong;
+}
+
+int cogrip_parse_target(const char *text, cogrip_target *target, size_t target_bytes, char *error, size_t error_bytes) {
+    cogrip_target read;
+    const char *wrong = read_target(text, &read);
+    give(target, target_bytes, &read, sizeof read);
     say(error, error_bytes, wrong ? wrong : "");
     return !wrong;
 }
@@ -4171,6 +4210,20 @@ int64_t cogrip_now_ns(void) {
     clock_gettime(CLOCK_MONOTONIC, &now);
     return (int64_t)now.tv_sec * 1000000000 + now.tv_nsec;
 }
+
+int64_t cogrip_sleep_until(int64_t due_ns) {
+#ifdef __APPLE__ /* has no clock_nanosleep */
+    const int64_t left_ns = most_int(0, due_ns - cogrip_now_ns());
+    const struct timespec left = {(time_t)(left_ns / 1000000000), (long)(left_ns % 1000000000)};
+    if (left_ns) nanosleep(&left, NULL);
+#else
+    const struct timespec due = {(time_t)(due_ns / 1000000000), (long)(due_ns % 1000000000)};
+    clock_nanosleep(CLOCK_MONOTONIC, TIMER_ABSTIME, &due, NULL);
+#endif
+    return cogrip_now_ns();
+}
+
+size_t cogrip_driver_bytes(void) { return COGRIP_DRIVER_BYTES; }
 
 static void note_error(cogrip_driver *driver, path *way) {
     if (errno == EAGAIN || errno == EWOULDBLOCK || errno == EINTR) return;
@@ -4551,27 +4604,31 @@ static int draw_nonce(uint64_t *nonce) {
 }
 
 cogrip_driver *cogrip_open(
-    void *memory, size_t bytes, const char *target, const cogrip_config *config, int allow_unencrypted, char *error,
-        size_t error_bytes) {
+    void *memory, size_t bytes, const char *target, const cogrip_config *config, size_t config_bytes, int allow_unencrypted,
+    char *error, size_t error_bytes) {
     cogrip_driver *driver = (cogrip_driver *)memory;
-    cogrip_config asked = *config;
+    cogrip_config asked;
     struct addrinfo hints, *found = NULL;
     char port[8];
     if (!memory || bytes < sizeof *driver) {
         say(error, error_bytes, "memory: give COGRIP_DRIVER_BYTES");
         return NULL;
     }
+    if (!take_config(&asked, config, config_bytes)) {
+        say(error, error_bytes, "config: a setting that this library does not know yet; install a newer libcogrip");
+        return NULL;
+    }
     memset(driver, 0, sizeof *driver);
     driver->newer = -1;
     driver->resumed_ns = -1;
-    if (!cogrip_parse_target(target, &driver->target, error, error_bytes)) return NULL;
+    if (!cogrip_parse_target(target, &driver->target, sizeof driver->target, error, error_bytes)) return NULL;
     if (driver->target.token[0]) asked.token = driver->target.token;
     if (driver->target.room[0]) asked.room = driver->target.room;
     if (!draw_nonce(&asked.nonce)) {
         say(error, error_bytes, "/dev/urandom cannot be read");
         return NULL;
     }
-    if (!cogrip_init(&driver->client, sizeof driver->client, &asked, error, error_bytes)) return NULL;
+    if (!cogrip_init(&driver->client, sizeof driver->client, &asked, sizeof asked, error, error_bytes)) return NULL;
     memset(&hints, 0, sizeof hints);
     hints.ai_socktype = SOCK_DGRAM;
     snprintf(port, sizeof port, "%d", driver->target.port);

@@ -24,9 +24,18 @@ extern "C" {
 #endif
 
 #ifndef COGRIP_API
+#if defined(__GNUC__) && defined(COGRIP_SHARED) /* while the shared library is compiled: these symbols, and no others */
+#define COGRIP_API __attribute__((visibility("default")))
+#else
 #define COGRIP_API
 #endif
+#endif
 
+/* Binary interface of the shared library, and number of its soname. Within one number a newer library serves an older
+ * program: functions are only added, structs and enums grow at their end alone, and the constants of memory stay. So every
+ * struct is handed over with its size. */
+#define COGRIP_ABI 0
+#define COGRIP_VERSION "0.1.0"
 #define COGRIP_PROTOCOL 1           /* version of the protocol */
 #define COGRIP_AXES 3               /* most axes of a hand */
 #define COGRIP_MESSAGE_BYTES 1195   /* longest message */
@@ -34,6 +43,11 @@ extern "C" {
 #define COGRIP_CLIENT_BYTES 409600  /* memory of a client */
 
 typedef struct cogrip_client cogrip_client;
+
+/* Of the library that is linked: COGRIP_VERSION, COGRIP_ABI and memory as it was compiled with. */
+COGRIP_API const char *cogrip_version(void);
+COGRIP_API int cogrip_abi(void);
+COGRIP_API size_t cogrip_client_bytes(void);
 
 /* What a hand is held with. A number that is 0 takes the value in brackets; texts that are NULL are empty. */
 typedef struct cogrip_config {
@@ -88,14 +102,17 @@ typedef struct cogrip_status {
     double down_margin_j, device_margin_j;        /* least, so far (SPEC.md 9) */
     double up_margin_j, line_margin_j;            /* by the server's account, once it has said goodbye */
     double peak_force_n, peak_step_n;             /* largest force, and change of it from tick to tick */
+    double gain;                                  /* share of the force that is let through: ramped from 0 to 1 and back */
     cogrip_link_count down;
     char room[161], user[161];
 } cogrip_status;
 
 /* ---- Core -------------------------------------------------------------------------------------- */
 
-/* Make a client in `memory` of COGRIP_CLIENT_BYTES, aligned as malloc aligns. NULL, and why in `error`, where it cannot be. */
-COGRIP_API cogrip_client *cogrip_init(void *memory, size_t bytes, const cogrip_config *config, char *error, size_t error_bytes);
+/* Make a client in `memory` of COGRIP_CLIENT_BYTES, aligned as malloc aligns; config_bytes: sizeof (cogrip_config). NULL, and
+ * why in `error`, where it cannot be. */
+COGRIP_API cogrip_client *cogrip_init(
+    void *memory, size_t bytes, const cogrip_config *config, size_t config_bytes, char *error, size_t error_bytes);
 
 /* Ask for a seat. */
 COGRIP_API void cogrip_connect(cogrip_client *client, int64_t now_ns);
@@ -133,7 +150,8 @@ COGRIP_API void cogrip_rearm(cogrip_client *client);
 /* True once the session is over and no force is left. */
 COGRIP_API int cogrip_done(const cogrip_client *client);
 
-COGRIP_API void cogrip_get_status(const cogrip_client *client, cogrip_status *status);
+/* status_bytes: sizeof (cogrip_status). What the library does not know of it is 0. */
+COGRIP_API void cogrip_get_status(const cogrip_client *client, cogrip_status *status, size_t status_bytes);
 
 /* Why the session ended badly, or the force is released; "" for neither. */
 COGRIP_API const char *cogrip_reason(const cogrip_client *client);
@@ -148,8 +166,9 @@ typedef struct cogrip_target {
 } cogrip_target;
 
 /* Read a join link, or HOST:PORT of an unencrypted server. 0, and why in `error`, where it is neither; a link's secret is
- * never shown. */
-COGRIP_API int cogrip_parse_target(const char *text, cogrip_target *target, char *error, size_t error_bytes);
+ * never shown. target_bytes: sizeof (cogrip_target). */
+COGRIP_API int cogrip_parse_target(
+    const char *text, cogrip_target *target, size_t target_bytes, char *error, size_t error_bytes);
 
 /* ---- Driver: UDP, DTLS and a clock. POSIX ---------------------------------------------------- */
 
@@ -158,12 +177,14 @@ COGRIP_API int cogrip_parse_target(const char *text, cogrip_target *target, char
 
 typedef struct cogrip_driver cogrip_driver;
 
+COGRIP_API size_t cogrip_driver_bytes(void); /* of the library that is linked */
+
 /* Look the server up, open a socket and begin to ask for a seat. `config`: nonce is drawn here; token and room are the link's.
  * allow_unencrypted: a person has allowed to talk to another machine unencrypted. NULL, and why in `error`, where it cannot
  * be. */
 COGRIP_API cogrip_driver *cogrip_open(
-    void *memory, size_t bytes, const char *target, const cogrip_config *config, int allow_unencrypted, char *error,
-    size_t error_bytes);
+    void *memory, size_t bytes, const char *target, const cogrip_config *config, size_t config_bytes, int allow_unencrypted,
+    char *error, size_t error_bytes);
 
 /* Receive, let time pass and send: every few milliseconds until there is a seat. Returns the state. */
 COGRIP_API cogrip_state cogrip_run(cogrip_driver *driver);
@@ -176,6 +197,9 @@ COGRIP_API cogrip_client *cogrip_client_of(cogrip_driver *driver);
 COGRIP_API void cogrip_driver_leave(cogrip_driver *driver, const char *reason);
 COGRIP_API void cogrip_close(cogrip_driver *driver); /* closes the sockets; after cogrip_done, or to give up at once */
 COGRIP_API int64_t cogrip_now_ns(void);              /* monotonic clock */
+
+/* Sleep until that clock shows due_ns, or a signal comes: returns what it shows then. */
+COGRIP_API int64_t cogrip_sleep_until(int64_t due_ns);
 #endif
 
 #ifdef __cplusplus

@@ -7,14 +7,12 @@
 #define _POSIX_C_SOURCE 200809L
 #include "cogrip.h"
 
-#include <errno.h>
 #include <math.h>
 #include <sched.h>
 #include <signal.h>
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
-#include <time.h>
 
 #define MASS_KG 0.3
 #define SPRING_NPM 200.0
@@ -26,11 +24,6 @@ static volatile sig_atomic_t stopped;
 static void stop(int number) {
     (void)number;
     stopped = 1;
-}
-
-static void sleep_until(int64_t due_ns) {
-    const struct timespec due = {(time_t)(due_ns / 1000000000), (long)(due_ns % 1000000000)};
-    while (clock_nanosleep(CLOCK_MONOTONIC, TIMER_ABSTIME, &due, NULL) == EINTR && !stopped) continue;
 }
 
 /* Move the hand by a tick under the force that the device gave: semi-implicit Euler. */
@@ -52,7 +45,7 @@ static void ask_for_real_time(void) {
 
 static void report(const cogrip_client *client) {
     cogrip_status status;
-    cogrip_get_status(client, &status);
+    cogrip_get_status(client, &status, sizeof status);
     printf("{\"ticks\": %lld, \"frames\": %lld, \"lost\": %lld, \"late\": %lld, \"rtt_ms\": %.3f, "
            "\"peak_force_n\": %.3f, \"object_m\": %.6f, "
            "\"down_margin_j\": %.3e, \"device_margin_j\": %.3e",
@@ -70,7 +63,7 @@ static void report(const cogrip_client *client) {
 /* Say what has changed since `before`; return the state of now. */
 static cogrip_state tell(const cogrip_client *client, cogrip_state before) {
     cogrip_status status;
-    cogrip_get_status(client, &status);
+    cogrip_get_status(client, &status, sizeof status);
     if (status.state == COGRIP_RESUMING && before != COGRIP_RESUMING)
         fputs("example: the server is silent: trying to resume\n", stderr);
     if (status.state == COGRIP_SEATED && before == COGRIP_RESUMING) fputs("example: resumed\n", stderr);
@@ -102,7 +95,8 @@ int main(int count, char **arguments) {
     config.peak_force_n = 8.0;
     config.speed_mps = 2.0;
     config.apparent_mass_kg = MASS_KG;
-    cogrip_driver *driver = cogrip_open(memory.bytes, sizeof memory.bytes, target, &config, 0, error, sizeof error);
+    cogrip_driver *driver =
+        cogrip_open(memory.bytes, sizeof memory.bytes, target, &config, sizeof config, 0, error, sizeof error);
     if (!driver) {
         fprintf(stderr, "example: %s\n", error);
         return 1;
@@ -112,8 +106,8 @@ int main(int count, char **arguments) {
     signal(SIGTERM, stop);
     for (cogrip_state state = COGRIP_IDLE; !stopped && state != COGRIP_SEATED
         && state != COGRIP_CLOSED; state = cogrip_run(driver))
-        sleep_until(cogrip_now_ns() + 2000000);
-    cogrip_get_status(client, &status);
+        cogrip_sleep_until(cogrip_now_ns() + 2000000);
+    cogrip_get_status(client, &status, sizeof status);
     if (status.state != COGRIP_SEATED) {
         fprintf(stderr, "example: %s\n", stopped ? "stopped" : cogrip_reason(client));
         cogrip_close(driver);
@@ -126,7 +120,8 @@ int main(int count, char **arguments) {
     int64_t tick = 0, moved = 0;
     cogrip_state state = status.state;
     while (!cogrip_done(client)) {
-        sleep_until(begun_ns + tick * 1000000000 / hz);
+        const int64_t due_ns = begun_ns + tick * 1000000000 / hz;
+        while (cogrip_sleep_until(due_ns) < due_ns && !stopped) continue;
         for (; moved < tick; moved++)
             move_hand(position_m, velocity_mps, force_n, (double)moved / (double)hz, 1.0 / (double)hz);
         cogrip_tick(driver, tick, position_m, NULL, force_n);

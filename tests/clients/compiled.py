@@ -27,7 +27,8 @@ COMPILER = shutil.which("cc") or shutil.which("gcc") or shutil.which("clang")
 CXX = shutil.which("c++") or shutil.which("g++") or shutil.which("clang++")
 STRICT = ("-Wall", "-Wextra", "-Wpedantic", "-Wshadow", "-Wconversion", "-Werror")
 WARNINGS = ("-std=c99", *STRICT)
-CXX_WARNINGS = ("-x", "c++", "-ffp-contract=off", *STRICT)
+CXX_STRICT = ("-ffp-contract=off", *STRICT)
+CXX_WARNINGS = ("-x", "c++", *CXX_STRICT)
 CHECKED = ("-g1", "-O0", "-fsanitize=address,undefined", "-fno-sanitize-recover=all")
 AXES, CLIENT_BYTES, MESSAGE_BYTES = 3, 409600, 1195
 STATES = ("idle", "connecting", "seated", "resuming", "leaving", "closed")
@@ -111,7 +112,8 @@ class CClient:
         self._library = library
         self._memory = ctypes.create_string_buffer(CLIENT_BYTES)
         error = ctypes.create_string_buffer(200)
-        self._client = library.cogrip_init(self._memory, CLIENT_BYTES, byref(Config(**given)), error, 200)
+        config = Config(**given)
+        self._client = library.cogrip_init(self._memory, CLIENT_BYTES, byref(config), ctypes.sizeof(config), error, 200)
         if not self._client:
             raise ValueError(error.value.decode())
         self.force_n = (0.0,) * AXES
@@ -157,7 +159,7 @@ class CClient:
     @property
     def status(self) -> Status:
         status = Status()
-        self._library.cogrip_get_status(self._client, byref(status))
+        self._library.cogrip_get_status(self._client, byref(status), ctypes.sizeof(status))
         return status
 
     @property

@@ -94,12 +94,12 @@ int main(int count, char **arguments) {
         if (done % LIFE == 0) {
             cogrip_status status;
             if (client) {
-                cogrip_get_status(client, &status);
+                cogrip_get_status(client, &status, sizeof status);
                 malformed += cogrip_count(client, COGRIP_MALFORMED);
                 applied += (unsigned long long)status.down.received;
                 late += cogrip_count(client, COGRIP_LATE_EFFECTS);
             }
-            client = cogrip_init(memory, COGRIP_CLIENT_BYTES, &config, NULL, 0);
+            client = cogrip_init(memory, COGRIP_CLIENT_BYTES, &config, sizeof config, NULL, 0);
             if (!client) return 2;
             memset(force_n, 0, sizeof force_n);
             now_ns = tick = 0;
@@ -144,7 +144,7 @@ int main(int count, char **arguments) {
             cogrip_target target;
             memcpy(whole, link, sizeof link);
             whole[mutate(whole, sizeof link - 1, sizeof whole - 1)] = '\0';
-            cogrip_parse_target((const char *)whole, &target, NULL, 0);
+            cogrip_parse_target((const char *)whole, &target, sizeof target, NULL, 0);
         }
     }
     printf("%ld mutated, %llu malformed, %llu frames taken, %llu effects late\n", wanted, malformed, applied, late);

@@ -2,7 +2,7 @@
 
 import json
 import re
-from ctypes import byref, create_string_buffer
+from ctypes import byref, create_string_buffer, sizeof
 from pathlib import Path
 from typing import Any
 
@@ -217,7 +217,7 @@ def test_limits_are_those_of_the_page(library: Any) -> None:
 
 def parsed(library: Any, text: str) -> tuple[Target | None, str]:
     target, error = Target(), create_string_buffer(200)
-    good = library.cogrip_parse_target(text.encode(), byref(target), error, 200)
+    good = library.cogrip_parse_target(text.encode(), byref(target), sizeof(target), error, 200)
     return (target if good else None), error.value.decode()
 
 

@@ -135,11 +135,11 @@ def test_force_goes_to_zero_without_the_server_and_comes_back(library: Any) -> N
     session.run(1.2)
     session.run(0.35, silent=True)
     person = session.person
-    assert (person.state, person.safety, person.force_n[0]) == ("seated", "stale", 0.0)
+    assert (person.state, person.safety, person.force_n[0], person.status.gain) == ("seated", "stale", 0.0, 0.0)
     assert "nothing new" in person.reason
     begun = len(session.forces[0])
     session.run(0.6)
-    assert (person.state, person.safety, person.reason) == ("seated", "live", "")
+    assert (person.state, person.safety, person.reason, person.status.gain) == ("seated", "live", "", 1.0)
     back = dropwhile(lambda force_n: not force_n, [abs(force[0]) for force in session.forces[0][begun:]])
     for ticks, force_n in enumerate(islice(back, 100), 1):
         assert force_n <= PEAK_N * ticks / HZ / 0.3, "it ramps in"
