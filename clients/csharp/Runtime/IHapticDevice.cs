@@ -1,0 +1,15 @@
+namespace Cogrip
+{
+    /// <summary>What a hand holds. All of it is called from the thread of a <see cref="SeatLoop"/>.</summary>
+    public interface IHapticDevice
+    {
+        /// <summary>The seat is taken: so many ticks a second begin.</summary>
+        void Begin(int hz);
+
+        /// <summary>Read where the hand is in a tick. False, or an exception: there is no sample.</summary>
+        bool Read(long tick, out Vector positionM);
+
+        /// <summary>Push the hand with a force until the next tick. It is minus the force of the seat: positive pushes toward +x.</summary>
+        void Push(Vector onHandN);
+    }
+}
