@@ -17,6 +17,9 @@
 #include <string>
 #include <utility>
 
+#include <pthread.h>
+#include <sched.h>
+
 namespace cogrip {
 
 /* A place, a velocity or a force: x toward the user, y to the user's right, z up. Axes that a seat has not are 0. */
@@ -162,6 +165,13 @@ private:
     static constexpr std::int64_t second_ns = 1'000'000'000;
     std::int64_t begun_ns_, hz_, tick_ = -1;
 };
+
+/* Ask for the calling thread's ticks on time (SCHED_FIFO). False where this user may not: ticks then come when there is time. */
+inline bool ask_for_real_time() noexcept {
+    sched_param priority{};
+    priority.sched_priority = 20;
+    return !pthread_setschedparam(pthread_self(), SCHED_FIFO, &priority);
+}
 
 } // namespace cogrip
 #endif

@@ -47,6 +47,7 @@ int hold(const std::string &target, double seconds, const std::string &name) {
     const double hz = seat.status().device_hz;
     std::cerr << "example: " << seat.status().user << " holds the object at " << hz << " Hz\n";
 
+    if (!cogrip::ask_for_real_time()) std::cerr << "example: no real-time priority; ticks may be late\n";
     cogrip::pacer pacer(seat.status().device_hz);
     cogrip::vector force_n{};
     hand held;

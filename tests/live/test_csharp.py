@@ -12,6 +12,7 @@ import pytest
 
 from tests.clients.abi import interface
 from tests.clients.compiled import build, has_libssl, needs_compiler
+from tests.extent import long
 from tests.live.test_c_library import holds_a_cube_with_a_python_client
 from tests.live.test_live_sessions import DEMO
 
@@ -151,7 +152,7 @@ def test_a_tick_takes_no_memory_of_the_collectors(folder: Path) -> None:
 @needs_compiler
 @pytest.mark.parametrize(("target", "library", "why"), [
     ("[::1", "native", "as [ADDRESS]:PORT"),
-    ("127.0.0.1:9", "native", "no server answered within 3 s"),
+    long("127.0.0.1:9", "native", "no server answered within 3 s"),
     ("127.0.0.1:9", "nowhere", "libcogrip was not found"),
 ])  # fmt: skip
 def test_a_seat_that_cannot_be_had_says_why_in_one_line(folder: Path, target: str, library: str, why: str) -> None:
