@@ -166,7 +166,7 @@ private:
     std::int64_t begun_ns_, hz_, tick_ = -1;
 };
 
-/* Ask for the calling thread's ticks on time (SCHED_FIFO). False where this user may not: ticks then come when there is time. */
+/* Ask for the calling thread's ticks on time (SCHED_FIFO). False where this user may not: they may then be late. */
 inline bool ask_for_real_time() noexcept {
     sched_param priority{};
     priority.sched_priority = 20;

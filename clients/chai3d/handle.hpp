@@ -1,7 +1,7 @@
 /* A simulated handle: what an application of CHAI3D holds in a room in place of an arm. No thread, no clock, no CHAI3D.
  *
- * It is a mass with drag, on which two forces act: that of the application, and that of the room's line. The application gives a
- * force and gets a place, the line takes a place and gives a force; a mass is between the two as no delay makes energy there.
+ * It is a mass with drag, on which two forces act: that of the application, and that of the room's line. The application gives
+ * a force and gets a place, the line takes a place and gives a force; a mass is between the two as no delay makes energy there.
  *
  * The application's force is let through finite, within `peak_n`, at most `slope_nps` steeper, while it is no older than
  * `stale_ns`, and by the gain of the C client: so both forces come and go together.
@@ -25,7 +25,8 @@ public:
     static constexpr std::int64_t stale_ns = 100'000'000;
 
     /* Largest stiffness and damping that an application may render at 1 kHz and stay stable: its force comes up to 2.5 ms after
-     * the place that it answers. Drag pays for a stiffness of damping / delay: half of it. A damper: a third of mass / delay. */
+     * the place that it answers. Drag pays for a stiffness of damping / delay, here half of it;
+     * a damper may be a third of mass / delay. */
     static constexpr double delay_s = 0.0025;
     static constexpr double stiffness_npm = damping_nspm / delay_s / 2.0;
     static constexpr double carried_nspm = mass_kg / delay_s / 3.0;

@@ -66,11 +66,13 @@ flags parse(int count, char **arguments) {
         } else if (const auto found = numbers.find(flag); found != numbers.end()) {
             *found->second = number(flag, arguments[at]);
         } else {
-            throw cogrip::error(flag + ": no such flag; there are --list, --device, --name, --seconds, --peak-n, --speed-mps, --carried-nspm");
+            throw cogrip::error(flag
+                + ": no such flag; there are --list, --device, --name, --seconds, --peak-n, --speed-mps, --carried-nspm");
         }
     }
     if (given.target == "-") std::getline(std::cin, given.target);
-    if (!given.list && given.target.empty()) throw cogrip::error("no target: give a join link, HOST:PORT, or - for standard input");
+    if (!given.list && given.target.empty())
+        throw cogrip::error("no target: give a join link, HOST:PORT, or - for standard input");
     return given;
 }
 
@@ -176,13 +178,14 @@ int run(const flags &given) {
     chai3d::cHapticDeviceInfo info;
     if (given.list) {
         for (unsigned int number = 0; handler.getDeviceSpecifications(info, number); number++)
-            std::cout << number << "  " << info.m_manufacturerName << " " << info.m_modelName << "  " << info.m_maxLinearForce << " N\n";
+            std::cout << number << "  " << info.m_manufacturerName << " " << info.m_modelName << "  " << info.m_maxLinearForce
+                      << " N\n";
         return 0;
     }
     chai3d::cGenericHapticDevicePtr device;
     if (!handler.getDeviceSpecifications(info, given.device) || !handler.getDevice(device, given.device))
-        throw cogrip::error("--device " + std::to_string(given.device) + ": CHAI3D finds " + std::to_string(handler.getNumDevices())
-            + " devices; --list names them");
+        throw cogrip::error("--device " + std::to_string(given.device) + ": CHAI3D finds "
+            + std::to_string(handler.getNumDevices()) + " devices; --list names them");
     const cogrip::options options = of(info, given);
     arm arm(device, info.m_modelName);
     cogrip::seat seat(given.target, options);

@@ -1,10 +1,11 @@
-/* A haptic device of CHAI3D that is a seat of a cogrip room: an application of CHAI3D takes part where it holds this in place of
- * an arm. Header alone; needs CHAI3D's headers, cogrip.hpp and libcogrip.
+/* A haptic device of CHAI3D that is a seat of a cogrip room: an application of CHAI3D takes part where it holds this in place
+ * of an arm. Header alone; needs CHAI3D's headers, cogrip.hpp and libcogrip.
  *
  *     auto device = cogrip::seat_device::create("127.0.0.1:47800", options);    // in place of handler->getDevice(device, 0)
  *
  * getPosition is where the seat's handle is on the object, setForce pushes it there, and with it the object and everybody who
- * holds that. Axes and units are the same in both: x toward the user, y to the right, z up, m and N; a force is that on the handle.
+ * holds that. Axes and units are the same in both: x toward the user, y to the right, z up, m and N; a force is that on the
+ * handle.
  * docs/chai3d.md says what the application feels and what is let through.
  */
 #ifndef COGRIP_SEAT_DEVICE_HPP

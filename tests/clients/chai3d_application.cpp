@@ -49,8 +49,8 @@ int main(int count, char **arguments) {
     seat->getObjectPosition(place);
     device->close();
     const cogrip_status status = seat->status();
-    std::printf("{\"frames\": %lld, \"model\": \"%s\", \"applied_n\": %.3f, \"room_n\": %.3f, \"farthest_m\": %.4f, \"object_m\": %.4f, "
-                "\"refused\": %ld, \"last_n\": %.6f, \"device_margin_j\": %.3e}\n",
+    std::printf("{\"frames\": %lld, \"model\": \"%s\", \"applied_n\": %.3f, \"room_n\": %.3f, \"farthest_m\": %.4f, "
+                "\"object_m\": %.4f, \"refused\": %ld, \"last_n\": %.6f, \"device_margin_j\": %.3e}\n",
         static_cast<long long>(status.down.applied), info.m_modelName.c_str(), most_n, room_n, farthest_m, place.x(), refused,
         std::hypot(force.x(), std::hypot(force.y(), force.z())), status.device_margin_j);
     if (!seat->reason().empty()) std::cerr << "application: " << seat->reason() << "\n";

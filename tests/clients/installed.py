@@ -35,13 +35,14 @@ def done(*command: object, folder: Path | None = None, **environment: str) -> st
 
 
 def install(folder: Path, *definitions: str) -> Path:
-    """Build the library and install it below a folder. Returns its prefix."""
-    prefix = folder / "prefix"
+    """Build the library and install it below a folder, then move it. Returns the prefix: its files go by their own place."""
+    first, prefix = folder / "first prefix", folder / "prefix"
     encrypted = "ON" if has_libssl() else "OFF"
     settings = ("-DCMAKE_BUILD_TYPE=", "-DCMAKE_C_FLAGS=-O1 -Werror", f"-DCOGRIP_DTLS={encrypted}", *definitions)
-    done("cmake", "-S", SOURCES, "-B", folder / "build", f"-DCMAKE_INSTALL_PREFIX={prefix}", *settings)
+    done("cmake", "-S", SOURCES, "-B", folder / "build", f"-DCMAKE_INSTALL_PREFIX={first}", *settings)
     done("cmake", "--build", folder / "build")
     done("cmake", "--install", folder / "build")
+    first.rename(prefix)
     return prefix
 
 

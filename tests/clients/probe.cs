@@ -89,7 +89,8 @@ internal static class Probe
         {
             loop.Start();
             while (!loop.Ended) System.Threading.Thread.Sleep(5);
-            Console.WriteLine(string.Format(CultureInfo.InvariantCulture, "{0} {1} {2}", device.PeakN, device.StepN, device.LastN));
+            Console.WriteLine(
+                string.Format(CultureInfo.InvariantCulture, "{0} {1} {2}", device.PeakN, device.StepN, device.LastN));
             Console.WriteLine(loop.Reason);
         }
         return 0;

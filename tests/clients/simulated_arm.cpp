@@ -1,5 +1,5 @@
-/* An arm for CHAI3D at the place that it leaves to others, cMyCustomDevice: a mass that a hand pulls to and fro along x, moved by
- * the time that passes. ARM_FAILS: reads after which it gives no place any more. ARM_MODEL=tracker: without motors. */
+/* An arm for CHAI3D at the place that it leaves to others, cMyCustomDevice: a mass that a hand pulls to and fro along x, moved
+ * by the time that passes. ARM_FAILS: reads after which it gives no place any more. ARM_MODEL=tracker: without motors. */
 #include "devices/CGenericHapticDevice.h" /* first: it says whether CHAI3D has custom devices */
 
 #include "devices/CMyCustomDevice.h"

@@ -16,6 +16,8 @@ import pytest
 from tests.clients.abi import interface
 from tests.clients.compiled import (
     CLIENT_BYTES,
+    CXX,
+    CXX_STRICT,
     HEADER,
     SOURCES,
     Config,
@@ -25,7 +27,9 @@ from tests.clients.compiled import (
     has_libssl,
     load,
     needs_compiler,
+    needs_cxx,
 )
+from tests.docs.pages import page
 
 pytestmark = needs_compiler
 ROOT = SOURCES.parents[1]
@@ -128,6 +132,27 @@ def test_no_more_of_a_struct_is_written_than_the_program_knows(linked: Any, kind
         seen.append(into.raw[:size])
     assert all(longer.startswith(shorter) for shorter, longer in pairwise(seen))
     assert seen[-1][whole:] == bytes(24)
+
+
+PROGRAM = """
+#include "cogrip.hpp"
+cogrip::vector read_device();
+void push_hand(const cogrip::vector &force_n);
+void hold(const std::string &target);
+void hold(const std::string &target) {
+%s
+}
+"""
+"""Lines around the block of C++ of docs/c_client.md."""
+
+
+@needs_cxx
+def test_the_program_of_the_page_compiles(tmp_path: Path) -> None:
+    (block,) = re.findall(r"^```cpp\n(.*?)^```$", page("docs/c_client.md"), re.DOTALL | re.MULTILINE)
+    (tmp_path / "page.cpp").write_text(PROGRAM % block, encoding="utf-8")
+    command = [str(CXX), "-std=c++17", *CXX_STRICT, f"-I{SOURCES}", "-fsyntax-only", str(tmp_path / "page.cpp")]
+    done = subprocess.run(command, capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stderr
 
 
 def test_it_sleeps_until_its_clock_shows_a_time(linked: Any) -> None:

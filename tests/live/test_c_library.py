@@ -22,6 +22,7 @@ from tests.clients.installed import (
     needs_cmake,
     needs_pkg_config,
 )  # fmt: skip
+from tests.live.test_c_client import sealed
 from tests.live.test_live_sessions import DEMO, FEW_FRAMES, summary_in
 from tests.stalls import MACHINE_STALLED
 
@@ -37,13 +38,15 @@ def prefix(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return install(tmp_path_factory.mktemp("library"))
 
 
-def holds_a_cube_with_a_python_client(run, serve, folder: Path, program: Path, library: Path) -> dict:
+def holds_a_cube_with_a_python_client(
+    run, serve, folder: Path, program: Path, library: Path, encrypted: bool = False
+) -> dict:
     """Hold the demo's cube with a program in the first seat and `cogrip join` in the second. Returns what the program says."""
-    server, port = serve(DEMO, "--set", "link.delay_ms=0")
-    target = f"127.0.0.1:{port}"
+    server, port = serve(DEMO, "--set", "link.delay_ms=0", *(sealed(folder) if encrypted else []))
+    target = server.hear(r"(cogrip://[^' ]+)'")[1] if encrypted else f"127.0.0.1:{port}"
     ben = run("join", target, "--name", "ben", "--seconds", SECONDS, "--runs", str(folder / "ben"), "--no-report")
     anna = subprocess.run(
-        [program, target, SECONDS, "anna"], capture_output=True, text=True, timeout=60, check=False,
+        [program, "-", SECONDS, "anna"], input=target, capture_output=True, text=True, timeout=60, check=False,
         env={**os.environ, "LD_LIBRARY_PATH": str(library)},
     )  # fmt: skip
     if "watchdog" in anna.stderr:

@@ -1,11 +1,13 @@
 """CHAI3D's devices at a cogrip server, and a seat as a device of CHAI3D: live, beside a Python client.
 
 Each test runs with a header of the interface that is written here; and with CHAI3D's own source, handler and drivers where the
-variable CHAI3D_SOURCE names a checkout of version 3.3.
+variable CHAI3D_SOURCE names a checkout of version 3.3. Where CHAI3D_BUILD names a folder in which CMake has built it whole, a
+scene with CHAI3D's tool and contact law runs, too.
 """
 
 import json
 import os
+import re
 import signal
 import subprocess
 from pathlib import Path
@@ -15,13 +17,15 @@ import pytest
 from cogrip.results.verdict.verdict import passive
 
 from tests.clients.compiled import CHECKED, CXX, CXX_STRICT, build, has_libssl, needs_compiler, needs_cxx
+from tests.clients.installed import done, install, needs_cmake
+from tests.docs.pages import page
 from tests.extent import long
 from tests.live.test_live_sessions import DEMO, FEW_FRAMES, summary_in
 from tests.stalls import MACHINE_STALLED
 
 ROOT = Path(__file__).parents[2]
 CLIENTS, HERE = ROOT / "clients", ROOT / "tests" / "clients"
-SOURCE = os.environ.get("CHAI3D_SOURCE", "")
+SOURCE, WHOLE = (os.environ.get(name, "") for name in ("CHAI3D_SOURCE", "CHAI3D_BUILD"))
 OF_CHAI3D = (
     "devices/CHapticDeviceHandler", "devices/CGenericHapticDevice", "devices/CGenericDevice", "devices/CDeltaDevices",
     "devices/CLeapDevices", "devices/CPhantomDevices", "system/CGlobals", "system/CMutex", "system/CThread",
@@ -39,8 +43,8 @@ pytestmark = [needs_cxx, needs_compiler]
 def compile_cxx(*arguments: object, strict: bool = True, limit_s: float = LIMIT_S) -> None:
     warnings = CXX_STRICT if strict else ("-w",)
     command = [str(CXX), "-std=c++17", "-O1", *warnings, *map(str, arguments)]
-    done = subprocess.run(command, capture_output=True, text=True, timeout=limit_s, check=False)
-    assert done.returncode == 0, done.stderr
+    ended = subprocess.run(command, capture_output=True, text=True, timeout=limit_s, check=False)
+    assert ended.returncode == 0, ended.stderr
 
 
 def link_flags(folder: Path) -> list[str]:
@@ -134,10 +138,10 @@ def test_an_arm_of_chai3d_holds_a_cube_with_a_python_client(run, serve, tmp_path
 
 def test_an_arm_that_gives_no_place_any_more_ends_without_force(serve, programs: Path) -> None:
     _, port = serve(DEMO, "--set", "link.delay_ms=0")
-    done = said(programs / "join", f"127.0.0.1:{port}", "--name", "anna", "--seconds", "1.5", ARM_FAILS="700")
-    assert "device stall: 20 ms or more without samples" in done.stderr
-    assert "0.000 N at its end" in done.stderr
-    assert json.loads(done.stdout)["peak_step_n"] <= SLEW_N
+    ended = said(programs / "join", f"127.0.0.1:{port}", "--name", "anna", "--seconds", "1.5", ARM_FAILS="700")
+    assert "device stall: 20 ms or more without samples" in ended.stderr
+    assert "0.000 N at its end" in ended.stderr
+    assert json.loads(ended.stdout)["peak_step_n"] <= SLEW_N
 
 
 @pytest.mark.parametrize(("arguments", "environment", "why"), [
@@ -152,15 +156,15 @@ def test_an_arm_that_gives_no_place_any_more_ends_without_force(serve, programs:
 def test_a_seat_that_cannot_be_had_says_why_in_one_line(
     programs: Path, arguments: list, environment: dict, why: str
 ) -> None:
-    done = said(programs / "join", *arguments, **environment)
-    lines = [line for line in done.stderr.splitlines() if not line.startswith("arm: ")]
-    assert (done.returncode, done.stdout, len(lines)) == (1, "", 1), done.stderr
+    ended = said(programs / "join", *arguments, **environment)
+    lines = [line for line in ended.stderr.splitlines() if not line.startswith("arm: ")]
+    assert (ended.returncode, ended.stdout, len(lines)) == (1, "", 1), ended.stderr
     assert why in lines[0]
 
 
 def test_the_arms_are_listed(programs: Path) -> None:
-    done = said(programs / "join", "--list")
-    assert (done.returncode, done.stdout) == (0, "0  tests simulated arm  8 N\n")
+    ended = said(programs / "join", "--list")
+    assert (ended.returncode, ended.stdout) == (0, "0  tests simulated arm  8 N\n")
 
 
 def test_an_application_of_chai3d_takes_part_by_a_seat(run, serve, tmp_path: Path, programs: Path) -> None:
@@ -172,20 +176,80 @@ def test_an_application_of_chai3d_takes_part_by_a_seat(run, serve, tmp_path: Pat
     assert 0.0 < found["farthest_m"] < 0.2
 
 
+SCENE = """
+cmake_minimum_required(VERSION 3.16)
+project(scene LANGUAGES CXX)
+find_package(cogrip 0.1 REQUIRED)
+find_package(chai3d 3.3 REQUIRED)
+add_executable(scene {source})
+target_compile_features(scene PRIVATE cxx_std_17)
+target_compile_definitions(scene PRIVATE LINUX)
+target_include_directories(scene PRIVATE {ours})
+target_include_directories(scene SYSTEM PRIVATE ${{CHAI3D_INCLUDE_DIRS}})
+target_link_directories(scene PRIVATE ${{CHAI3D_LIBRARY_DIRS}})
+target_link_libraries(scene PRIVATE cogrip::cogrip ${{CHAI3D_LIBRARIES}} GLU GL)
+"""
+
+
+@needs_cmake
+@pytest.mark.lasts(LONG_S)
+@pytest.mark.skipif(
+    not (Path(WHOLE) / "chai3dConfig.cmake").exists(),
+    reason="no build of CHAI3D: set CHAI3D_BUILD to where CMake has built version 3.3",
+)
+def test_a_tool_of_chai3d_rests_on_its_wall_and_its_program_builds(run, serve, tmp_path: Path) -> None:
+    where = f"-DCMAKE_PREFIX_PATH={install(tmp_path / 'library')};{WHOLE}"
+    text = SCENE.format(source=HERE / "chai3d_scene.cpp", ours=CLIENTS / "chai3d")
+    (tmp_path / "scene").mkdir()
+    (tmp_path / "scene" / "CMakeLists.txt").write_text(text, encoding="utf-8")
+    for name, source in (("scene", tmp_path / "scene"), ("join", CLIENTS / "chai3d")):
+        done("cmake", "-S", source, "-B", tmp_path / f"{name} built", where)
+        done("cmake", "--build", tmp_path / f"{name} built")
+    listed = said(tmp_path / "join built" / "chai3d_join", "--list")
+    assert (listed.returncode, listed.stderr) == (0, "")
+    found, _ = beside_a_python_client(run, serve, tmp_path, tmp_path / "scene built" / "scene", SECONDS, "anna")
+    assert found["chai3d"].startswith("3.3")
+    assert found["touched"] > FEW_FRAMES
+    assert 0.0 < found["deepest_m"] < 0.02
+    assert found["device_margin_j"] >= 0.0
+
+
 @pytest.mark.parametrize("mode", ["silent", "mad"])
 def test_an_application_that_says_nothing_or_no_number_pushes_nobody(serve, programs: Path, mode: str) -> None:
     _, port = serve(DEMO, "--set", "link.delay_ms=0")
-    done = said(programs / "application", f"127.0.0.1:{port}", SECONDS, "anna", mode)
-    assert done.returncode == 0, done.stderr
-    found = json.loads(done.stdout)
+    ended = said(programs / "application", f"127.0.0.1:{port}", SECONDS, "anna", mode)
+    assert ended.returncode == 0, ended.stderr
+    found = json.loads(ended.stdout)
     assert found["applied_n"] > 0.1
     assert found["last_n"] == 0.0
     assert (found["refused"] > 0) == (mode == "mad")
 
 
+def test_an_application_pushes_nobody_while_the_server_is_silent(serve, programs: Path) -> None:
+    """Its force goes by the gain of the C client, and so with the room's."""
+    server, port = serve(DEMO, "--set", "link.delay_ms=0")
+    command = [programs / "application", f"127.0.0.1:{port}", "3.0", "anna"]
+    with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True) as anna:
+        server.hear("anna joined")
+        server.signal(signal.SIGSTOP)
+        output, errors = anna.communicate(timeout=LIMIT_S)
+    server.signal(signal.SIGCONT)
+    assert json.loads(output)["last_n"] == 0.0
+    assert errors.count("\n") == 1, errors
+
+
 def test_an_application_without_a_server_is_told_why(programs: Path) -> None:
-    done = said(programs / "application", "127.0.0.1:1", SECONDS, "anna")
-    assert (done.returncode, done.stderr) == (1, "application: no server answered within 3 s\n")
+    ended = said(programs / "application", "127.0.0.1:1", SECONDS, "anna")
+    assert (ended.returncode, ended.stderr) == (1, "application: no server answered within 3 s\n")
+
+
+def test_the_lines_of_the_page_compile(tmp_path: Path) -> None:
+    (block,) = re.findall(r"^```cpp\n(.*?)^```$", page("docs/chai3d.md"), re.DOTALL | re.MULTILINE)
+    text = '#include "seat_device.hpp"\nvoid hold(chai3d::cGenericHapticDevicePtr &hapticDevice);\n'
+    text += f"void hold(chai3d::cGenericHapticDevicePtr &hapticDevice) {{\n{block}}}\n"
+    (tmp_path / "page.cpp").write_text(text, encoding="utf-8")
+    includes = [f"-I{CLIENTS / 'c'}", f"-I{CLIENTS / 'chai3d'}", f"-I{HERE / 'chai3d_interface'}"]
+    compile_cxx(*includes, "-fsyntax-only", tmp_path / "page.cpp")
 
 
 @pytest.fixture(scope="module")

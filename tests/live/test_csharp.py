@@ -12,6 +12,7 @@ import pytest
 
 from tests.clients.abi import interface
 from tests.clients.compiled import build, has_libssl, needs_compiler
+from tests.docs.pages import page
 from tests.extent import long
 from tests.live.test_c_library import holds_a_cube_with_a_python_client
 from tests.live.test_live_sessions import DEMO
@@ -83,7 +84,8 @@ def said(
 def test_a_person_by_csharp_and_one_by_python_hold_one_cube(
     run, serve, tmp_path: Path, folder: Path, example: Path
 ) -> None:
-    found = holds_a_cube_with_a_python_client(run, serve, tmp_path, example, folder / "native")
+    native = folder / "native"
+    found = holds_a_cube_with_a_python_client(run, serve, tmp_path, example, native, encrypted=has_libssl())
     assert found["peak_force_n"] > 0.02  # how long both are there together is the machine's affair
     assert found["rtt_ms"] > 0.0
 
@@ -173,6 +175,28 @@ def test_every_public_thing_is_described_and_the_component_compiles(folder: Path
         tmp_path / "Cogrip.Unity.dll", "-nowarn:649", *references, COMPONENT, documented=True
     )  # 649: Unity gives them
     assert "T:Cogrip.SeatLoop" in library.with_suffix(".xml").read_text(encoding="utf-8")
+
+
+PROGRAM = """
+using System;
+using Cogrip;
+internal static class Page
+{
+    internal static void Hold(IHapticDevice device, Func<bool> stop, Action wait, Action<Vector, Vector> draw)
+    {
+%s
+    }
+}
+"""
+"""Lines around the block of C# of docs/csharp.md."""
+
+
+@needs_mono
+@needs_compiler
+def test_the_program_of_the_page_compiles(folder: Path, tmp_path: Path) -> None:
+    (block,) = re.findall(r"^```csharp\n(.*?)^```$", page("docs/csharp.md"), re.DOTALL | re.MULTILINE)
+    (tmp_path / "Page.cs").write_text(PROGRAM % block, encoding="utf-8")
+    compiled(tmp_path / "Page.dll", f"-r:{folder / 'Cogrip.dll'}", tmp_path / "Page.cs")
 
 
 def metas() -> dict[Path, str]:

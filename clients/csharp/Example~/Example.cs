@@ -14,7 +14,8 @@ internal static class Example
     {
         if (arguments.Length < 1 || arguments.Length > 3)
         {
-            Console.Error.WriteLine("usage: Example TARGET [SECONDS [NAME]]   TARGET: a join link, HOST:PORT, or - for standard input");
+            Console.Error.WriteLine(
+                "usage: Example TARGET [SECONDS [NAME]]   TARGET: a join link, HOST:PORT, or - for standard input");
             return 2;
         }
         var target = arguments[0] == "-" ? Console.In.ReadLine() ?? "" : arguments[0];

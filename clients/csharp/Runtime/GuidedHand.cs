@@ -2,10 +2,10 @@ using System;
 
 namespace Cogrip
 {
-    /// <summary>A simulated hand for programs without a device: a mass that a spring pulls toward a place. Frames of a screen say
-    /// where, the thread of the seat moves the mass: no frame's time is in a force.</summary>
-    /// <remarks>The goal runs to the place at <see cref="GoalMps"/>, the spring pulls with <see cref="HandN"/> at most, and lets go
-    /// over 0.1 s where nothing has guided it for 0.25 s.</remarks>
+    /// <summary>A simulated hand for programs without a device: a mass that a spring pulls toward a place. Frames of a screen
+    /// say where, the thread of the seat moves the mass: no frame's time is in a force.</summary>
+    /// <remarks>The goal runs to the place at <see cref="GoalMps"/>, the spring pulls with <see cref="HandN"/> at most, and
+    /// lets go over 0.1 s where nothing has guided it for 0.25 s.</remarks>
     public sealed class GuidedHand : IHapticDevice
     {
         /// <summary>Mass of hand and device [kg]: the apparent mass of the seat.</summary>

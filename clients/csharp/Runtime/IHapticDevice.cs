@@ -9,7 +9,7 @@ namespace Cogrip
         /// <summary>Read where the hand is in a tick. False, or an exception: there is no sample.</summary>
         bool Read(long tick, out Vector positionM);
 
-        /// <summary>Push the hand with a force until the next tick. It is minus the force of the seat: positive pushes toward +x.</summary>
+        /// <summary>Push the hand until the next tick, with minus the force of the seat: it points where it pushes.</summary>
         void Push(Vector onHandN);
     }
 }

@@ -25,7 +25,7 @@ namespace Cogrip
         /// <summary>Begin to ask for a seat.</summary>
         /// <param name="target">A join link, or HOST:PORT of an unencrypted server.</param>
         /// <param name="options">What the hand is held with.</param>
-        /// <exception cref="SeatException">There is no libcogrip, it is of another ABI, or target or options cannot be.</exception>
+        /// <exception cref="SeatException">No libcogrip, or one of another ABI; or target or options cannot be.</exception>
         public Seat(string target, SeatOptions options)
         {
             var abi = LibraryAbi();
@@ -96,7 +96,7 @@ namespace Cogrip
             return now;
         }
 
-        /// <summary>Receive, let time pass and send: every few milliseconds until there is a seat, or none can be had.</summary>
+        /// <summary>Receive, let time pass and send: every few milliseconds until there is a seat or none.</summary>
         public SeatState Run()
         {
             Check();
@@ -117,9 +117,9 @@ namespace Cogrip
         }
 
         /// <summary>A whole tick, without taking memory. Never blocks.</summary>
-        /// <param name="tick">Number of the period of <see cref="SeatStatus.DeviceHz"/>; those that the loop missed are left out.</param>
+        /// <param name="tick">Number of the period of <see cref="SeatStatus.DeviceHz"/>; missed ones are left out.</param>
         /// <param name="positionM">Three numbers: where the hand is.</param>
-        /// <param name="forceN">Three numbers, to be filled: the motors push the hand with minus that until the next tick.</param>
+        /// <param name="forceN">Three numbers, to be filled: the motors push the hand with minus that.</param>
         public void Tick(long tick, double[] positionM, double[] forceN)
         {
             Check();
@@ -180,7 +180,8 @@ namespace Cogrip
             }
             catch (DllNotFoundException)
             {
-                throw new SeatException("libcogrip was not found; install it (clients/c/CMakeLists.txt) where programs look for libraries");
+                throw new SeatException(
+                    "libcogrip was not found; install it (clients/c/CMakeLists.txt) where programs look for libraries");
             }
             catch (EntryPointNotFoundException)
             {

@@ -3,7 +3,7 @@ using System.Threading;
 
 namespace Cogrip
 {
-    /// <summary>Thread that holds a seat with a device, at the seat's rate. Other threads read its status and ask for its end.</summary>
+    /// <summary>Thread that holds a seat with a device, at the seat's rate. Others read its status, and stop it.</summary>
     public sealed class SeatLoop : IDisposable
     {
         private const long SecondNs = 1000000000;

@@ -27,13 +27,16 @@ namespace Cogrip
         public double Length => System.Math.Sqrt(X * X + Y * Y + Z * Z);
 
         /// <summary>The sum.</summary>
-        public static Vector operator +(Vector one, Vector other) => new Vector(one.X + other.X, one.Y + other.Y, one.Z + other.Z);
+        public static Vector operator +(Vector one, Vector other) =>
+            new Vector(one.X + other.X, one.Y + other.Y, one.Z + other.Z);
 
         /// <summary>The difference.</summary>
-        public static Vector operator -(Vector one, Vector other) => new Vector(one.X - other.X, one.Y - other.Y, one.Z - other.Z);
+        public static Vector operator -(Vector one, Vector other) =>
+            new Vector(one.X - other.X, one.Y - other.Y, one.Z - other.Z);
 
         /// <summary>The vector, so many times as long.</summary>
-        public static Vector operator *(double factor, Vector one) => new Vector(factor * one.X, factor * one.Y, factor * one.Z);
+        public static Vector operator *(double factor, Vector one) =>
+            new Vector(factor * one.X, factor * one.Y, factor * one.Z);
 
         /// <inheritdoc/>
         public override string ToString() =>

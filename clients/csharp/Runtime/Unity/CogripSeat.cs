@@ -3,14 +3,14 @@ using UnityEngine;
 namespace Cogrip.Unity
 {
     /// <summary>Holds a seat of a cogrip room, and moves this object as the room's object moves.</summary>
-    /// <remarks>A thread of its own ticks the seat, at 1024 Hz as a rule; frames of the screen only say where the tool is and draw
-    /// what the thread has published. Whoever has a device derives from this and returns it in <see cref="MakeDevice"/>.
+    /// <remarks>A thread of its own ticks the seat, at 1024 Hz as a rule; frames of the screen only say where the tool is and
+    /// draw what the thread has published. Whoever has a device derives from this and returns it in <see cref="MakeDevice"/>.
     /// Places are those of the parent's frame, in metres.</remarks>
     [AddComponentMenu("Cogrip/Cogrip Seat")]
     [DisallowMultipleComponent]
     public class CogripSeat : MonoBehaviour
     {
-        [SerializeField, Tooltip("A join link, or HOST:PORT of an unencrypted server on this machine. A link is a secret: do not commit a scene with one.")]
+        [SerializeField, Tooltip("A join link, or HOST:PORT of a server on this machine. A link is a secret: commit none.")]
         private string target = "127.0.0.1:47800";
 
         [SerializeField, Tooltip("Name of the seat; empty: any free one.")]
@@ -42,7 +42,7 @@ namespace Cogrip.Unity
             foreach (var loop in _loop) loop.Rearm();
         }
 
-        /// <summary>A place of cogrip (x toward the user, y right, z up; right-handed) in Unity's axes (x right, y up, z away).</summary>
+        /// <summary>A place of cogrip (x toward the user, y right, z up) in Unity's axes (x right, y up, z away).</summary>
         public static Vector3 ToUnity(Vector place) => new Vector3((float)place.Y, (float)place.Z, (float)-place.X);
 
         /// <summary>A place of Unity in cogrip's axes.</summary>

@@ -13,7 +13,9 @@ class cMyCustomDevice : public cGenericHapticDevice {
 public:
     cMyCustomDevice(unsigned int a_deviceNumber = 0);
     virtual ~cMyCustomDevice();
-    static cMyCustomDevicePtr create(unsigned int a_deviceNumber = 0) { return std::make_shared<cMyCustomDevice>(a_deviceNumber); }
+    static cMyCustomDevicePtr create(unsigned int a_deviceNumber = 0) {
+        return std::make_shared<cMyCustomDevice>(a_deviceNumber);
+    }
     virtual bool open();
     virtual bool close();
     virtual bool calibrate(bool a_forceCalibration = false);
