@@ -16,6 +16,8 @@
 #include "devices/CGenericHapticDevice.h"
 
 #include <atomic>
+#include <chrono>
+#include <condition_variable>
 #include <memory>
 #include <mutex>
 #include <optional>
@@ -104,14 +106,17 @@ public:
     /* Where the room's object is, a network's way ago: to be drawn. Never a place to answer with a force. */
     bool getObjectPosition(chai3d::cVector3d &a_position) { return give(a_position, &shown::object_m); }
 
-    /* Torque and gripper force are dropped: the handle has three axes. An error: no seat, or a force that is not finite. */
+    /* Torque and gripper force are dropped: the handle has three axes. An error: no seat, or a force that is not finite.
+     * Returns with the seat's next tick, as a driver returns with its arm's next exchange: that paces an application's loop. */
     bool setForceAndTorqueAndGripperForce(const chai3d::cVector3d &a_force, const chai3d::cVector3d &, double) override {
         const vector force_n{a_force.x(), a_force.y(), a_force.z()};
         const bool finite = std::isfinite(force_n[0]) && std::isfinite(force_n[1]) && std::isfinite(force_n[2]);
-        const std::lock_guard<std::mutex> lock(mutex_);
+        std::unique_lock<std::mutex> lock(mutex_);
         asked_.force_n = enabled_ ? force_n : vector{}; /* what is not finite is none: handle::ask */
         asked_.at_ns = cogrip_now_ns();
         if (finite) m_prevForce = a_force;
+        const std::int64_t tick = shown_.status.tick;
+        ticked_.wait_for(lock, most_wait, [&] { return shown_.status.tick != tick; });
         return m_deviceReady && held_ && finite;
     }
 
@@ -137,6 +142,8 @@ public:
     }
 
 private:
+    static constexpr std::chrono::milliseconds most_wait{2};
+
     struct asked {
         vector force_n{};
         std::int64_t at_ns = INT64_MIN / 2;
@@ -195,7 +202,7 @@ private:
 
     void publish(const handle &handle, const vector &line_n) {
         const cogrip_status status = seat_->status();
-        const std::unique_lock<std::mutex> lock(mutex_, std::try_to_lock);
+        std::unique_lock<std::mutex> lock(mutex_, std::try_to_lock);
         if (!lock) return;
         shown_.position_m = handle.position_m();
         shown_.velocity_mps = handle.velocity_mps();
@@ -206,6 +213,8 @@ private:
         }
         if (status.safety != shown_.status.safety) shown_.reason = seat_->reason();
         shown_.status = status;
+        lock.unlock();
+        ticked_.notify_all();
     }
 
     std::string target_;
@@ -214,6 +223,7 @@ private:
     std::thread thread_;
     std::atomic<bool> stopping_{false}, held_{false};
     std::mutex mutex_;
+    std::condition_variable ticked_;
     asked asked_;
     shown shown_;
     bool enabled_ = true, rearming_ = false;

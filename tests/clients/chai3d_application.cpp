@@ -26,7 +26,7 @@ int main(int count, char **arguments) {
     device->calibrate();
     const cHapticDeviceInfo info = device->getSpecifications();
     double most_n = 0.0, room_n = 0.0, farthest_m = 0.0;
-    long refused = 0;
+    long refused = 0, loops = 0;
     const std::int64_t begun_ns = cogrip_now_ns();
     cVector3d place, velocity, force, room;
     for (double time_s = 0.0; time_s < seconds; time_s = 1e-9 * static_cast<double>(cogrip_now_ns() - begun_ns)) {
@@ -43,16 +43,19 @@ int main(int count, char **arguments) {
         most_n = std::max(most_n, size);
         room_n = std::max(room_n, std::fabs(room.x()));
         farthest_m = std::max(farthest_m, place.x());
-        cogrip_sleep_until(cogrip_now_ns() + 1'000'000);
+        loops++; /* setForce paces them */
+        if (second && mode == "silent") cogrip_sleep_until(cogrip_now_ns() + 1'000'000);
     }
     device->getForce(force);
     seat->getObjectPosition(place);
     device->close();
     const cogrip_status status = seat->status();
     std::printf("{\"frames\": %lld, \"model\": \"%s\", \"applied_n\": %.3f, \"room_n\": %.3f, \"farthest_m\": %.4f, "
-                "\"object_m\": %.4f, \"refused\": %ld, \"last_n\": %.6f, \"device_margin_j\": %.3e}\n",
+                "\"object_m\": %.4f, \"refused\": %ld, \"loops\": %ld, \"ticks\": %lld, \"last_n\": %.6f, "
+                "\"device_margin_j\": %.3e}\n",
         static_cast<long long>(status.down.applied), info.m_modelName.c_str(), most_n, room_n, farthest_m, place.x(), refused,
-        std::hypot(force.x(), std::hypot(force.y(), force.z())), status.device_margin_j);
+        loops, static_cast<long long>(status.tick), std::hypot(force.x(), std::hypot(force.y(), force.z())),
+        status.device_margin_j);
     if (!seat->reason().empty()) std::cerr << "application: " << seat->reason() << "\n";
     return !seat->reason().empty();
 }

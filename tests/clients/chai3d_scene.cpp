@@ -55,7 +55,6 @@ int main(int, char **arguments) {
         deepest_m = std::max(deepest_m, place.x() + radius_m - face_m);
         if (time_s > 0.75 * seconds) last_mps = std::max(last_mps, velocity.length());
         ticks++;
-        cogrip_sleep_until(cogrip_now_ns() + 1'000'000);
     }
     tool->stop();
     const cogrip_status status = seat->status();

@@ -173,6 +173,7 @@ def test_an_application_of_chai3d_takes_part_by_a_seat(run, serve, tmp_path: Pat
     assert found["frames"] > FEW_FRAMES
     assert 0.1 < found["applied_n"] <= 5.0
     assert found["room_n"] > 0.02
+    assert FEW_FRAMES < found["loops"] <= found["ticks"] + 10  # setForce returns with the seat's next tick
     assert 0.0 < found["farthest_m"] < 0.2
 
 
