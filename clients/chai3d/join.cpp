@@ -1,7 +1,8 @@
 /* Holds the object of a running server with a haptic device that CHAI3D knows.
  *
  *     ./chai3d_join --list
- *     ./chai3d_join TARGET [--device N] [--name NAME] [--seconds S] [--peak-n N] [--speed-mps V] [--carried-nspm B]
+ *     ./chai3d_join TARGET [--device N] [--name NAME] [--seconds S] [--peak-n N] [--speed-mps V] [--mass-kg M]
+ *         [--carried-nspm B]
  *
  * TARGET: a join link, HOST:PORT of an unencrypted server, or - to read it from standard input. Ctrl-C leaves, SIGUSR1 re-arms.
  * Axes and units are the same in both: x toward the user, y to the right, z up, m and N.
@@ -30,7 +31,7 @@ struct flags {
     bool list = false;
     unsigned int device = 0;
     std::string name;
-    double seconds = HUGE_VAL, peak_n = 0.0, speed_mps = 1.0, carried_nspm = 0.0;
+    double seconds = HUGE_VAL, peak_n = 0.0, speed_mps = 1.0, mass_kg = 0.1, carried_nspm = 0.0;
 };
 
 double number(const std::string &flag, const std::string &text) {
@@ -49,7 +50,7 @@ double number(const std::string &flag, const std::string &text) {
 flags parse(int count, char **arguments) {
     flags given;
     const std::map<std::string, double *> numbers = {{"--seconds", &given.seconds}, {"--peak-n", &given.peak_n},
-        {"--speed-mps", &given.speed_mps}, {"--carried-nspm", &given.carried_nspm}};
+        {"--speed-mps", &given.speed_mps}, {"--mass-kg", &given.mass_kg}, {"--carried-nspm", &given.carried_nspm}};
     for (int at = 1; at < count; at++) {
         const std::string flag = arguments[at];
         if (flag == "--list") {
@@ -67,7 +68,8 @@ flags parse(int count, char **arguments) {
             *found->second = number(flag, arguments[at]);
         } else {
             throw cogrip::error(flag
-                + ": no such flag; there are --list, --device, --name, --seconds, --peak-n, --speed-mps, --carried-nspm");
+                + ": no such flag; there are --list, --device, --name, --seconds, --peak-n, --speed-mps, --mass-kg, "
+                  "--carried-nspm");
         }
     }
     if (given.target == "-") std::getline(std::cin, given.target);
@@ -90,6 +92,7 @@ cogrip::options of(const chai3d::cHapticDeviceInfo &info, const flags &given) {
     options.software = "chai3d";
     options.peak_force_n = given.peak_n > 0.0 ? given.peak_n : std::min(info.m_maxLinearForce, default_peak_n);
     options.speed_mps = given.speed_mps;
+    options.apparent_mass_kg = given.mass_kg;
     options.carried_nspm = given.carried_nspm > 0.0
         ? given.carried_nspm
         : std::clamp(0.5 * info.m_maxLinearDamping, 0.5, default_carried_nspm);

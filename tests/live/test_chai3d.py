@@ -198,7 +198,7 @@ target_link_libraries(scene PRIVATE cogrip::cogrip ${{CHAI3D_LIBRARIES}} GLU GL)
     not (Path(WHOLE) / "chai3dConfig.cmake").exists(),
     reason="no build of CHAI3D: set CHAI3D_BUILD to where CMake has built version 3.3",
 )
-def test_a_tool_of_chai3d_rests_on_its_wall_and_its_program_builds(run, serve, tmp_path: Path) -> None:
+def test_a_tool_of_chai3d_stays_at_its_wall_and_its_program_builds(run, serve, tmp_path: Path) -> None:
     where = f"-DCMAKE_PREFIX_PATH={install(tmp_path / 'library')};{WHOLE}"
     text = SCENE.format(source=HERE / "chai3d_scene.cpp", ours=CLIENTS / "chai3d")
     (tmp_path / "scene").mkdir()
