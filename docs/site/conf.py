@@ -20,7 +20,19 @@ language = "en"
 extensions = ["myst_parser", "mathml", "navigation", "api_reference", "files_of_the_checkout"]
 root_doc = "README"
 include_patterns = ["README.md", "CHANGELOG.md", "docs/**.md", "protocol/SPEC.md"]
-exclude_patterns = [".*", "**/.*", "build", "dist", "runs", "studies", "sweeps", "tests", "view", "compiled", "docs/site"]
+exclude_patterns = [
+    ".*",
+    "**/.*",
+    "build",
+    "dist",
+    "runs",
+    "studies",
+    "sweeps",
+    "tests",
+    "view",
+    "compiled",
+    "docs/site",
+]
 source_suffix = {".md": "markdown"}
 
 myst_heading_anchors = 6  # by GitHub's rules

@@ -27,6 +27,11 @@ def add(app: Sphinx, docname: str, source: list[str]) -> None:
         source[0] += "\n".join(["\n```{toctree}", ":hidden:", "", *names, "```\n"])
 
 
+def reread(app: Sphinx, env: object, added: set[str], changed: set[str], removed: set[str]) -> list[str]:
+    """Return the pages that hold more than their own text."""
+    return [app.config.root_doc, "docs/decisions/README", "docs/api_reference"]
+
+
 def name_front_page(app: Sphinx, failure: Exception | None) -> None:
     """Copy the front page to index.html."""
     if failure is None and app.builder.name == "html":
@@ -35,5 +40,6 @@ def name_front_page(app: Sphinx, failure: Exception | None) -> None:
 
 def setup(app: Sphinx) -> dict[str, bool]:
     app.connect("source-read", add)
+    app.connect("env-get-outdated", reread)
     app.connect("build-finished", name_front_page)
     return {"parallel_read_safe": True, "parallel_write_safe": True}

@@ -1,8 +1,12 @@
-"""Every block of Python on a page or in a docstring runs as a program of its own; every block of TOML is read."""
+"""Every block of Python on a page or in a docstring runs as a program of its own; every block of TOML is read; every command
+line of `cogrip` is one that the program takes.
+"""
 
 import ast
 import inspect
+import itertools
 import re
+import shlex
 import shutil
 import textwrap
 import tomllib
@@ -10,15 +14,19 @@ from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
+from cyclopts import CycloptsError
 
 import cogrip.api as cogrip
+from cogrip.cli.main import app
 from cogrip.cli.study.study_source import load_study
 from cogrip.devices.family.simulated import GROUP
 from cogrip.experiments.study.study_file import read_study
 from cogrip.server.worlds.registry import ALLOWED
 
 from tests import forked
-from tests.docs.pages import ROOT, page
+from tests.docs.pages import ROOT, fenced_lines, page, prose_lines
+from tests.docs.tutorials import NAMES as TUTORIAL_PAGES
+from tests.docs.tutorials import Saved, steps
 from tests.source_tree import FOLDERS
 
 FENCED = re.compile(r"^( *)```(\w+)\n(.*?)^ *```$", re.DOTALL | re.MULTILINE)
@@ -66,8 +74,22 @@ def in_docstrings() -> Iterator[tuple[str, str]]:
                         yield path.relative_to(ROOT).as_posix(), text
 
 
-BLOCKS = [*on_pages("python"), *in_docstrings()]
-TABLES = [each for each in on_pages("toml") if each[0] != "docs/worlds.md"]
+def commands(text: str) -> Iterator[str]:
+    """Yield every command line of cogrip in a block of a page, fenced or indented, without what a shell does with it."""
+    blocks = (line for _, line in fenced_lines(text))
+    indented = (line for _, line in prose_lines(text) if line.startswith("    "))
+    whole = "\n".join((*blocks, *indented)).replace("\\\n", " ")
+    for found in re.finditer(r"^ *(?:\$ )?cogrip ([^\n]*)", whole, re.MULTILINE):
+        words = list(itertools.takewhile(lambda word: word not in SHELL, shlex.split(found[1], comments=True)))
+        yield shlex.join(words)
+
+
+TUTORIALS = "docs/tutorials/"
+SHELL = ("|", "||", "&", "&&", ">", ";")
+BLOCKS = [each for each in (*on_pages("python"), *in_docstrings()) if not each[0].startswith(TUTORIALS)]
+"""Those of tutorials are run by test_tutorials.py."""
+COMMANDS = sorted({(name, line) for name in pages() for line in commands(page(name))})
+TABLES = [each for each in on_pages("toml") if each[0] != "docs/worlds.md" and not each[0].startswith(TUTORIALS)]
 """Those of docs/worlds.md are run by test_worlds_page.py."""
 EXPECTED = {
     "docs/administration.md": "",
@@ -131,3 +153,41 @@ def test_a_block_of_toml_is_read(name: str, text: str, tmp_path: Path) -> None:
         assert read_study({"name": "part", "participants": ["P01"], "blocks": [{"name": "one"}], **table})
     else:
         assert cogrip.settings({"name": "part", **table}).users
+
+
+@pytest.mark.parametrize("name", sorted({name for name, _ in on_pages("python")}))
+def test_a_block_of_python_compiles(name: str) -> None:
+    for where, text in on_pages("python"):
+        if where == name:
+            compile(text, name, "exec")
+
+
+def test_files_of_tutorials_are_read(tmp_path: Path) -> None:
+    saved = [each for name in TUTORIAL_PAGES for each in steps(name) if isinstance(each, Saved)]
+    for each in saved:
+        (tmp_path / each.name).write_text(each.text)
+    tables = [each for each in saved if each.name.endswith(".toml")]
+    assert len(tables) == sum(name.startswith(TUTORIALS) for name, _ in on_pages("toml"))
+    for each in tables:
+        if "participants" in tomllib.loads(each.text):
+            load_study(tmp_path / each.name, live=False, allow_unstable=False)
+        else:
+            assert cogrip.settings(tmp_path / each.name).users
+
+
+@pytest.mark.parametrize("name", sorted({name for name, _ in COMMANDS}))
+def test_a_command_line_of_a_page_is_taken(name: str) -> None:
+    """Words that stand for something, such as RUN or LINK, are taken as any other; nothing is run."""
+    for where, line in COMMANDS:
+        if where == name:
+            try:
+                app.parse_args(shlex.split(line), exit_on_error=False, print_error=False)
+            except CycloptsError as error:
+                pytest.fail(f"{name}: cogrip {line}: {error}")
+
+
+def test_a_command_line_that_is_wrong_is_not_taken() -> None:
+    assert len(COMMANDS) > 150
+    for line in ("lab demo --nope", "lob demo", "lab demo extra", "join HOST --name", "serve lan --port here"):
+        with pytest.raises(CycloptsError):
+            app.parse_args(shlex.split(line), exit_on_error=False, print_error=False)
