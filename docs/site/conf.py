@@ -16,8 +16,9 @@ project = "cogrip"
 author = "the authors of cogrip"
 release = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]["version"]
 language = "en"
+smartquotes = False  # an apostrophe may be a derivative
 
-extensions = ["myst_parser", "mathml", "navigation", "api_reference", "files_of_the_checkout"]
+extensions = ["myst_parser", "mathml", "plain_mathematics", "navigation", "api_reference", "files_of_the_checkout"]
 root_doc = "README"
 include_patterns = ["README.md", "CHANGELOG.md", "docs/**.md", "protocol/SPEC.md"]
 exclude_patterns = [

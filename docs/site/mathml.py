@@ -7,22 +7,23 @@ from pathlib import Path
 from typing import Any
 
 from docutils import nodes
-from latex2mathml.converter import convert
+from math_core import LatexToMathML
 from sphinx.application import Sphinx
 
 FONT = "STIXTwoMath-Regular.ttf"
+CONVERTER = LatexToMathML()  # raises an error for what it does not know
 
 
 def inline(self: Any, node: nodes.Element) -> None:
     """Write a formula of a sentence."""
-    self.body.append(convert(node.astext()))
+    self.body.append(CONVERTER.convert_with_local_state(node.astext(), displaystyle=False))
     raise nodes.SkipNode
 
 
 def block(self: Any, node: nodes.Element) -> None:
     """Write a formula that stands by itself; it scrolls where it is wider than the page."""
-    formula = convert(node.astext(), display="block")
-    self.body.append(f'<div class="formula" tabindex="0" title="{escape(node.astext())}">{formula}</div>\n')
+    formula = CONVERTER.convert_with_local_state(node.astext(), displaystyle=True)
+    self.body.append(f'<div class="formula" tabindex="0" role="math" aria-label="{escape(node.astext().strip())}">{formula}</div>\n')
     raise nodes.SkipNode
 
 
