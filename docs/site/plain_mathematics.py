@@ -13,9 +13,9 @@ GREEK = {
 }  # fmt: skip
 SIGNS = {"<=": "≤", ">=": "≥", "sqrt": "√", "'": "′"}
 SYMBOL = re.compile(
-    rf"(?<![\w/.])(?P<base>[A-Za-z]|{'|'.join(GREEK)})_(?P<index>\{{[^}}]+\}}|\w+)"
+    rf"(?<![\w.])(?P<base>[A-Za-z]|{'|'.join(GREEK)})_(?P<index>\{{[^}}]+\}}|\w+)"
     r"|(?<=[\w)\]|}])\^(?P<exponent>\{[^}]+\}|-?\w+)"
-    r"|(?P<sign><=|>=|\bsqrt(?=\()|(?<=\b[A-Za-z])'+(?![\w']))"
+    r"|(?P<sign><=|>=|\bsqrt(?=\()|(?<=\b[A-Za-z])(?<!'[A-Za-z])'+(?![\w']))"
 )
 UNTOUCHED = (nodes.literal, nodes.literal_block, nodes.math, nodes.math_block, nodes.raw, nodes.comment)
 
