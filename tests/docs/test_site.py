@@ -165,7 +165,7 @@ def symbols(monkeypatch: pytest.MonkeyPatch) -> Any:
         ("F_k (x_{k+1} - x_k)", "F<sub>k</sub> (x<sub>k+1</sub> - x<sub>k</sub>)"),
         ("omega_w = R^T q^-1", "ω<sub>w</sub> = R<sup>T</sup> q<sup>−1</sup>"),
         ("sqrt(2/b_i) <= x'", "√(2/b<sub>i</sub>) ≤ x′"),
-        ("anna's b, 'x', a file_name and docs/some_page.md", "anna's b, 'x', a file_name and docs/some_page.md"),
+        ("anna's b, 'x', a file_name and some/page_of.md", "anna's b, 'x', a file_name and some/page_of.md"),
     ],
 )
 def test_symbols_of_a_sentence_are_set(symbols: Any, written: str, set_: str) -> None:
