@@ -49,7 +49,9 @@ def _typed(lines: list[str]) -> Iterator[Typed]:
     command, shown = "", [""]
     for line in [*lines[terminal:], "$ "]:
         if not line.startswith("$ "):
-            shown.append("") if line == LEFT_OUT else shown.append(f"{shown.pop()} {line}")
+            shown.append(f"{shown.pop()} {line.removesuffix(LEFT_OUT)}")
+            if line.endswith(LEFT_OUT):  # here something is left out
+                shown.append("")
             continue
         if command:
             pieces = tuple(plain(each) for each in shown if each.strip())
