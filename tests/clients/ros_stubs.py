@@ -10,7 +10,10 @@ from typing import Any
 def stamped(outer: str, *inner: str) -> Any:
     """Return a message with a header, that holds these vectors."""
     vectors = {name: SimpleNamespace(x=0.0, y=0.0, z=0.0) for name in inner}
-    return SimpleNamespace(header=SimpleNamespace(stamp=None, frame_id=""), **{outer: SimpleNamespace(**vectors)})
+    return SimpleNamespace(
+        header=SimpleNamespace(stamp=SimpleNamespace(sec=0, nanosec=0), frame_id=""),
+        **{outer: SimpleNamespace(**vectors)},
+    )
 
 
 MESSAGES = {
@@ -48,6 +51,12 @@ class Ros:
         """Return what stands in for the packages, by name."""
         messages = SimpleNamespace(**MESSAGES)
         rclpy = SimpleNamespace(
-            init=lambda: None, create_node=self.node, spin=lambda node: self.shut.wait(), try_shutdown=self.shut.set
-        )
-        return {"rclpy": rclpy, "geometry_msgs": SimpleNamespace(msg=messages), "geometry_msgs.msg": messages}
+            init=lambda signal_handler_options: None, create_node=self.node, spin=lambda node: self.shut.wait(),
+            try_shutdown=self.shut.set,
+        )  # fmt: skip
+        return {
+            "rclpy": rclpy, "rclpy.executors": SimpleNamespace(ExternalShutdownException=KeyboardInterrupt),
+            "rclpy.signals": SimpleNamespace(SignalHandlerOptions=SimpleNamespace(NO=0)),
+            "rclpy.qos": SimpleNamespace(QoSProfile=SimpleNamespace, ReliabilityPolicy=SimpleNamespace(BEST_EFFORT=0)),
+            "geometry_msgs": SimpleNamespace(msg=messages), "geometry_msgs.msg": messages,
+        }  # fmt: skip

@@ -6,10 +6,11 @@
 
 cogrip's F loads the hand (the device pushes with -F), CRTK's servo_cf is the force that the arm applies: servo_cf = -F. Frames
 are the arm's own. Callbacks run in the executor's thread, the loop in another: they share references that are replaced whole.
+A message counts once and if it is newer than the one before, as its stamp has it; one without a stamp (0) always counts.
 """
 
 from collections import Counter
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from math import isfinite
 from typing import Any
 
@@ -17,6 +18,7 @@ from cogrip.api import Capability, DeviceError, Sample
 from cogrip.devices.device import check_rate
 
 LOST_S = 0.1  # time without a measured_cp after which the arm is lost
+VELOCITY_S = 0.01  # time for which a measured_cv counts
 
 
 class CrtkDevice:
@@ -24,27 +26,38 @@ class CrtkDevice:
 
     def __init__(self, node: Any, record: Capability, name: str = "") -> None:
         from geometry_msgs.msg import PoseStamped, TwistStamped, WrenchStamped
+        from rclpy.qos import QoSProfile, ReliabilityPolicy
 
+        # Best effort takes what reliable publishers and best-effort ones send; reliable would get nothing of the latter.
+        newest = QoSProfile(depth=1, reliability=ReliabilityPolicy.BEST_EFFORT)
         prefix = f"{name}/" if name else ""
         self.capability = record
-        self.counts: Mapping[str, int] = Counter()
+        self.counts: Counter[str] = Counter()
         self._wrench = WrenchStamped
         self._node = node
         self._pose: tuple[float, float, float] | None = None  # newest, None once it was read
         self._twist: tuple[float, float, float] | None = None
-        self._rate_hz = self._pose_tick = self._begun = 0
+        self._velocity: tuple[float, float, float] | None = None  # the twist that was read last
+        self._pose_ns = self._twist_ns = 0  # stamps of the newest
+        self._rate_hz = self._pose_tick = self._twist_tick = 0
         self._publisher = node.create_publisher(WrenchStamped, f"{prefix}servo_cf", 1)
-        node.create_subscription(PoseStamped, f"{prefix}measured_cp", self._on_pose, 1)
+        node.create_subscription(PoseStamped, f"{prefix}measured_cp", self._on_pose, newest)
         if record.gives_velocity:
-            node.create_subscription(TwistStamped, f"{prefix}measured_cv", self._on_twist, 1)
+            node.create_subscription(TwistStamped, f"{prefix}measured_cv", self._on_twist, newest)
 
     def _on_pose(self, message: Any) -> None:
-        at = message.pose.position
-        self._pose = at.x, at.y, at.z
+        stamp_ns, at = _stamp_ns(message), message.pose.position
+        if stamp_ns and stamp_ns <= self._pose_ns:
+            self.counts["measured_cp that is no newer"] += 1
+            return
+        self._pose_ns, self._pose = stamp_ns, (at.x, at.y, at.z)
 
     def _on_twist(self, message: Any) -> None:
-        speed = message.twist.linear
-        self._twist = speed.x, speed.y, speed.z
+        stamp_ns, speed = _stamp_ns(message), message.twist.linear
+        if stamp_ns and stamp_ns <= self._twist_ns:
+            self.counts["measured_cv that is no newer"] += 1
+            return
+        self._twist_ns, self._twist = stamp_ns, (speed.x, speed.y, speed.z)
 
     def open(self, rate_hz: int) -> None:
         if self._rate_hz:
@@ -58,15 +71,22 @@ class CrtkDevice:
         if self._pose_tick < 0:
             self._pose_tick = tick  # the arm has LOST_S from the first tick on
         pose, self._pose = self._pose, None
-        axes, twist = self.capability.axes, self._twist
-        if pose is None or (self.capability.gives_velocity and twist is None):
+        twist, self._twist = self._twist, None
+        if twist is not None:
+            self._velocity, self._twist_tick = twist, tick
+        elif tick - self._twist_tick > VELOCITY_S * self._rate_hz:
+            self._velocity = None
+        axes, velocity, wanted = self.capability.axes, self._velocity, self.capability.gives_velocity
+        if pose is None or (wanted and velocity is None):
             if tick - self._pose_tick > LOST_S * self._rate_hz:
+                topic = "measured_cp" if pose is None else "measured_cv"
                 raise DeviceError(
-                    f"crtk: no measured_cp for {LOST_S:g} s; see that the arm's node runs, and its namespace"
+                    f"crtk: no {topic} for {LOST_S:g} s that is newer than the last; "
+                    "see that the arm's node runs, its namespace, and that its stamps go on"
                 )
             return None
         self._pose_tick = tick
-        return Sample(pose[:axes], twist[:axes] if self.capability.gives_velocity and twist else None, 1)
+        return Sample(pose[:axes], velocity[:axes] if wanted and velocity else None, 1)
 
     def write(self, force_n: Sequence[float]) -> None:
         if not self._rate_hz:
@@ -89,3 +109,9 @@ class CrtkDevice:
         pushed = message.wrench.force
         pushed.x, pushed.y, pushed.z = [-force for force in (*force_n, 0.0, 0.0)[:3]]
         self._publisher.publish(message)
+
+
+def _stamp_ns(message: Any) -> int:
+    """Return when a message was made [ns], 0 where it does not say."""
+    stamp = message.header.stamp
+    return int(stamp.sec) * 10**9 + int(stamp.nanosec)

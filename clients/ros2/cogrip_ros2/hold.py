@@ -3,9 +3,13 @@
 import argparse
 import sys
 import threading
+from contextlib import suppress
+from typing import Any
 
 from cogrip.api import ApiError, Capability, Client
+from cogrip.machine.realtime import engage
 from cogrip_ros2.crtk_device import CrtkDevice
+from cogrip_ros2.interrupted import on_interrupt
 
 
 def record(arguments: argparse.Namespace) -> Capability:
@@ -25,6 +29,7 @@ def parse(arguments: list[str]) -> argparse.Namespace:
     parser.add_argument("link", help="join link, or HOST:PORT on this machine")
     parser.add_argument("--arm", default="", help="namespace of measured_cp and servo_cf, such as MTML")
     parser.add_argument("--name", default="", help="seat to take")
+    parser.add_argument("--folder", help="existing folder for the recording; none: nothing is recorded")
     parser.add_argument("--no-trial", action="store_true", help="don't try the motors before the seat is taken")
     parser.add_argument("--velocity", action="store_true", help="use measured_cv, too")
     limits = {
@@ -37,26 +42,37 @@ def parse(arguments: list[str]) -> argparse.Namespace:
     return parser.parse_args(arguments)
 
 
-def main(arguments: list[str] | None = None) -> int:
-    """Hold until Ctrl-C or the session's end. Returns the exit code."""
+def spin(node: Any) -> None:
+    """Call a node's callbacks until the shutdown."""
     import rclpy
+    from rclpy.executors import ExternalShutdownException
+
+    with suppress(ExternalShutdownException):
+        rclpy.spin(node)
+
+
+def main(arguments: list[str] | None = None) -> int:
+    """Hold until a signal or the session's end. Returns the exit code."""
+    import rclpy
+    from rclpy.signals import SignalHandlerOptions
 
     flags = parse(rclpy.utilities.remove_ros_args(sys.argv)[1:] if arguments is None else arguments)
-    rclpy.init()
+    engage(["fifo"])  # threads of middleware and executor inherit it: a busy machine would keep samples from the loop
+    rclpy.init(signal_handler_options=SignalHandlerOptions.NO)
     node = rclpy.create_node("cogrip_hold")
     device = CrtkDevice(node, record(flags), flags.arm)
-    client = Client(flags.link, device, name=flags.name, say=node.get_logger().info, trial=not flags.no_trial)
-    spinning = threading.Thread(target=rclpy.spin, args=(node,), daemon=True)
+    say = node.get_logger().info
+    client = Client(flags.link, device, name=flags.name, folder=flags.folder, say=say, trial=not flags.no_trial)
+    spinning = threading.Thread(target=spin, args=(node,), daemon=True)
     spinning.start()
     try:
-        account = client.run()
-        node.get_logger().info(f"peak force {account.peak_force_n:.2f} N")
-        return 0
+        with on_interrupt(client.stop) as came:
+            account = client.run()
+        say(f"peak force {account.peak_force_n:.2f} N")
+        return 128 + came[0] if came else 0
     except ApiError as error:
         node.get_logger().error(str(error))
         return 1
-    except KeyboardInterrupt:
-        return 130
     finally:
         rclpy.try_shutdown()
         spinning.join()
