@@ -1,8 +1,8 @@
 """A stand-in for rclpy over Cyclone DDS: its topics, types and qualities of service are those of ROS 2 on the wire.
 
 `run` is a node of `cogrip_ros2` in this process: `code=PROGRAM` of a test's process, with the program's name, the domain and
-the program's arguments; at its end it prints how much it published. As in rclpy, `init` takes SIGINT and SIGTERM over where it is
-not told otherwise, and nothing can be published once they came.
+the program's arguments; at its end it prints how much it published. As in rclpy, `init` takes SIGINT and SIGTERM over where it
+is not told otherwise, and nothing can be published once they came.
 """
 
 import importlib

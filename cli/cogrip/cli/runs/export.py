@@ -1,6 +1,7 @@
-"""`cogrip export`: a run's recordings as CSV or Parquet tables."""
+"""`cogrip export`: a run's recordings as CSV or Parquet tables, or as a bag of ROS 2."""
 
 from pathlib import Path
+from typing import Literal
 
 from cogrip.cli.runs.run_folder import RUNS, found_run, opened
 from cogrip.cli.terminal.output import make_console
@@ -8,17 +9,26 @@ from cogrip.cli.terminal.parameters import RunsBelow
 from cogrip.cli.terminal.problem import BadInput, Problem
 from cogrip.protocol.io.recorder import is_being_written
 from cogrip.protocol.recording.folder import recordings_of
+from cogrip.results.reading.bag import export_bag
 from cogrip.results.reading.export import ExportError, Format
 from cogrip.results.reading.export import export as export_run
 from cogrip.results.reading.traces import losses
 
+_NO_BAG_OF = "there is no bag of {what}; export --to csv has them, or say it again once the run has ended"
+
 
 def export(
-    run: Path, /, *, to: Format, out: Path | None = None, datagrams: bool = False, runs: RunsBelow = RUNS
+    run: Path,
+    /,
+    *,
+    to: Format | Literal["rosbag2"],
+    out: Path | None = None,
+    datagrams: bool = False,
+    runs: RunsBelow = RUNS,
 ) -> int:
-    """Write a run's recordings as CSV or Parquet tables.
+    """Write a run's recordings as CSV or Parquet tables, or as a bag of ROS 2.
 
-    A file for each end and kind of message, such as client-anna.tick.csv. `time_s` stands first, in seconds of the run;
+    Tables: a file for each end and kind of message, such as client-anna.tick.csv. `time_s` stands first, in seconds of the run;
     vectors are spread over columns (position_m_x), accounts too (link_up_lost, ticks_late_us_p99); unknown values are empty.
     A number in a CSV file reads back as the very same bits.
     Nothing is overwritten. Of a run that still goes on the tables are called client-anna.tick.partial.csv; the next export
@@ -29,7 +39,7 @@ def export(
     run
         Run folder, or its name in `runs` (--runs), or one .mcap file.
     to
-        Format of the files; parquet needs the extra `parquet`.
+        Format of the files; parquet and rosbag2 need the extras of the same name. A bag is a folder, rosbag2.
     out
         Folder for them; else the run's own.
     datagrams
@@ -42,9 +52,14 @@ def export(
     console, errors = make_console(soft_wrap=True), make_console(stderr=True, soft_wrap=True)
     into = out or records.folder
     with Problem.of_files(into, doing="cannot be written: "), errors.status("exporting"), BadInput.of(ExportError):
-        tables = export_run(records, to, into, datagrams=datagrams, partial=goes_on)
+        if to == "rosbag2":
+            if goes_on or datagrams:
+                raise ExportError(_NO_BAG_OF.format(what="datagrams" if datagrams else "a run that still goes on"))
+            tables, what = export_bag(records, into), "message"
+        else:
+            tables, what = export_run(records, to, into, datagrams=datagrams, partial=goes_on), "row"
     for path, rows in tables:
-        console.print(f"{path}: {rows} row{'' if rows == 1 else 's'}")
+        console.print(f"{path}: {rows} {what}{'' if rows == 1 else 's'}")
     if goes_on:
         errors.print(
             f"note: {run} still goes on: these tables are what was there just now, and another export replaces them"
