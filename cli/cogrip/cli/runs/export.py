@@ -1,4 +1,4 @@
-"""`cogrip export`: a run's recordings as CSV or Parquet tables, or as a bag of ROS 2."""
+"""`cogrip export`: a run's recordings as CSV or Parquet tables, as a bag of ROS 2, or a layout for Foxglove."""
 
 from pathlib import Path
 from typing import Literal
@@ -13,6 +13,7 @@ from cogrip.results.reading.bag import export_bag
 from cogrip.results.reading.export import ExportError, Format
 from cogrip.results.reading.export import export as export_run
 from cogrip.results.reading.traces import losses
+from cogrip.view.foxglove_layout import export_layout
 
 _NO_BAG_OF = "there is no bag of {what}; export --to csv has them, or say it again once the run has ended"
 
@@ -21,12 +22,12 @@ def export(
     run: Path,
     /,
     *,
-    to: Format | Literal["rosbag2"],
+    to: Format | Literal["rosbag2", "foxglove"],
     out: Path | None = None,
     datagrams: bool = False,
     runs: RunsBelow = RUNS,
 ) -> int:
-    """Write a run's recordings as CSV or Parquet tables, or as a bag of ROS 2.
+    """Write a run's recordings as CSV or Parquet tables, or as a bag of ROS 2; or a layout of panels that shows it.
 
     Tables: a file for each end and kind of message, such as client-anna.tick.csv. `time_s` stands first, in seconds of the run;
     vectors are spread over columns (position_m_x), accounts too (link_up_lost, ticks_late_us_p99); unknown values are empty.
@@ -39,7 +40,8 @@ def export(
     run
         Run folder, or its name in `runs` (--runs), or one .mcap file.
     to
-        Format of the files; parquet and rosbag2 need the extras of the same name. A bag is a folder, rosbag2.
+        Format of the files; parquet and rosbag2 need the extras of the same name. A bag is a folder, rosbag2. Of
+        foxglove there is layout.json, for Foxglove and Lichtblick, which open the recordings as they are.
     out
         Folder for them; else the run's own.
     datagrams
@@ -56,6 +58,8 @@ def export(
             if goes_on or datagrams:
                 raise ExportError(_NO_BAG_OF.format(what="datagrams" if datagrams else "a run that still goes on"))
             tables, what = export_bag(records, into), "message"
+        elif to == "foxglove":
+            tables, what = export_layout(records, into), "line"
         else:
             tables, what = export_run(records, to, into, datagrams=datagrams, partial=goes_on), "row"
     for path, rows in tables:

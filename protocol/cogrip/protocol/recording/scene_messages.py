@@ -406,6 +406,9 @@ _TYPES = {
 
 
 def _schema(kind: inspect.Type) -> dict[str, Any]:
+    if isinstance(kind, inspect.UnionType):  # may be null, as in the schemas of records
+        value = next(each for each in kind.types if not isinstance(each, inspect.NoneType))
+        return {**_schema(value), "nullable": True}
     if isinstance(kind, inspect.VarTupleType):
         return {"type": "array", "items": _schema(kind.item_type)}
     if isinstance(kind, inspect.StructType):
@@ -414,7 +417,8 @@ def _schema(kind: inspect.Type) -> dict[str, Any]:
         if kind.cls in (Time, Duration):
             title = name.lower()
         properties = {field.encode_name: _schema(field.type) for field in kind.fields}
-        return {"title": title, "type": "object", "properties": properties, "required": list(properties)}
+        required = {"required": list(properties)} if properties else {}  # early JSON Schema takes no empty list
+        return {"title": title, "type": "object", "properties": properties, **required}
     return {"type": _TYPES[type(kind)]}
 
 

@@ -8,7 +8,7 @@
     bodies/measured_cp                              of a scene: a pose for each body, in the order of the recording
     events                                          everything that the server told, markers too
 
-Storage is MCAP, the one that `ros2 bag` of Jazzy takes where nothing is said, and metadata.yaml of version 9, as Jazzy writes it.
+Storage is MCAP, the one that `ros2 bag` of Jazzy takes where nothing is said, and metadata.yaml of version 9, as there.
 A stamp is the time of the message in the recording, to the nanosecond, on the server's clock.
 """
 
