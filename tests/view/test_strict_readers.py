@@ -146,7 +146,8 @@ def test_pictures_are_messages_of_foxglove_s_own_library(scene: Path) -> None:
 
     of = {
         "entities": "SceneEntity", "deletions": "SceneEntityDeletion", "transforms": "FrameTransform",
-        "arrows": "ArrowPrimitive", "cubes": "CubePrimitive", "spheres": "SpherePrimitive", "cylinders": "CylinderPrimitive", "lines": "LinePrimitive",
+        "arrows": "ArrowPrimitive", "cubes": "CubePrimitive", "spheres": "SpherePrimitive",
+        "cylinders": "CylinderPrimitive", "lines": "LinePrimitive",
         "triangles": "TriangleListPrimitive", "texts": "TextPrimitive", "models": "ModelPrimitive", "metadata": "KeyValuePair",
         "pose": "Pose", "position": "Vector3", "translation": "Vector3", "size": "Vector3", "orientation": "Quaternion",
         "rotation": "Quaternion", "color": "Color", "colors": "Color", "points": "Point3", "timestamp": "Timestamp",

@@ -1,4 +1,4 @@
-"""`cogrip export`: a run's recordings as CSV or Parquet tables, as a bag of ROS 2, or a layout for Foxglove."""
+"""`cogrip export`: a run as tables, a bag of ROS 2 or a layout for Foxglove; a study as a data set of BIDS."""
 
 from pathlib import Path
 from typing import Literal
@@ -7,6 +7,9 @@ from cogrip.cli.runs.run_folder import RUNS, found_run, opened
 from cogrip.cli.terminal.output import make_console
 from cogrip.cli.terminal.parameters import RunsBelow
 from cogrip.cli.terminal.problem import BadInput, Problem
+from cogrip.experiments.study.bids import write_bids
+from cogrip.experiments.study.study_file import StudyError
+from cogrip.experiments.study.table import read_table
 from cogrip.protocol.io.recorder import is_being_written
 from cogrip.protocol.recording.folder import recordings_of
 from cogrip.results.reading.bag import export_bag
@@ -22,12 +25,12 @@ def export(
     run: Path,
     /,
     *,
-    to: Format | Literal["rosbag2", "foxglove"],
+    to: Format | Literal["rosbag2", "foxglove", "bids"],
     out: Path | None = None,
     datagrams: bool = False,
     runs: RunsBelow = RUNS,
 ) -> int:
-    """Write a run's recordings as CSV or Parquet tables, or as a bag of ROS 2; or a layout of panels that shows it.
+    """Write a run's recordings as tables or a bag of ROS 2, or a layout that shows it; or a study as a data set of BIDS.
 
     Tables: a file for each end and kind of message, such as client-anna.tick.csv. `time_s` stands first, in seconds of the run;
     vectors are spread over columns (position_m_x), accounts too (link_up_lost, ticks_late_us_p99); unknown values are empty.
@@ -38,15 +41,18 @@ def export(
     Parameters
     ----------
     run
-        Run folder, or its name in `runs` (--runs), or one .mcap file.
+        Run folder, or its name in `runs` (--runs), or one .mcap file; for bids the folder of a study, such as studies/fitts.
     to
         Format of the files; parquet and rosbag2 need the extras of the same name. A bag is a folder, rosbag2. Of
-        foxglove there is layout.json, for Foxglove and Lichtblick, which open the recordings as they are.
+        foxglove there is layout.json, for Foxglove and Lichtblick, which open the recordings as they are. A
+        data set of BIDS is the folder bids, with people as sub-01, sub-02 ..., motion data, events, measures and answers.
     out
         Folder for them; else the run's own.
     datagrams
         Export the datagrams too, as hexadecimal text.
     """
+    if to == "bids":
+        return _export_study(run, out)
     path = found_run(run, runs)
     with BadInput.of_files(path):
         goes_on = any(map(is_being_written, recordings_of(path)))  # asked before it is read: it may end meanwhile
@@ -70,5 +76,21 @@ def export(
         )
     ends = [*records.clients.values(), *([records.server] if records.server else [])]
     for note in [*records.notes, *(note for end in ends for note in losses(end))]:
+        errors.print(f"warning: {note}")
+    return 0
+
+
+def _export_study(study: Path, out: Path | None) -> int:
+    """Write a study as a data set of BIDS. Returns the exit code."""
+    console, errors = make_console(soft_wrap=True), make_console(stderr=True, soft_wrap=True)
+    into = out or study / "bids"
+    with BadInput.of(StudyError), errors.status("measuring") as status:
+        table = read_table(study, lambda done, total: status.update(f"measuring trial {done + 1} of {total}"))
+    if not table.rows:
+        raise Problem(f"{study}: no trial is finished yet; `cogrip study` runs them")
+    with Problem.of_files(into, doing="cannot be written: "), errors.status("exporting"), BadInput.of(ExportError):
+        written = write_bids(study, table, into)
+    console.print(f"{into}: {written.people} participants, {written.sessions} runs of motion data")
+    for note in written.notes:
         errors.print(f"warning: {note}")
     return 0
