@@ -1,5 +1,6 @@
 """A live server with a trigger line on a pseudo-terminal: each marker is a byte there, and the recording has when."""
 
+import csv
 import os
 import select
 import signal
@@ -46,3 +47,54 @@ def test_marker_is_a_byte_on_the_line_and_its_time_is_recorded(start: Callable[.
     for (written_s, *_), (marked_s, _) in zip(triggers, markers, strict=True):
         assert written_s > marked_s
     assert verify(open_recording(run / SERVER_RECORDING)).exact
+
+
+STUDY = """
+name = "by codes"
+participants = ["P01"]
+[session]
+seconds = 1.0
+object.kind = "wall"
+[[session.users]]
+device = "sim:ideal"
+hand = "push"
+[triggers]
+begin = 10
+"phase push" = 21
+end = 99
+[[blocks]]
+name = "walls"
+[[blocks.phases]]
+name = "prepare"
+seconds = 0.3
+[[blocks.phases]]
+name = "push"
+"""
+
+
+def test_events_of_a_study_are_the_codes_of_its_file_and_stand_in_its_bids(
+    start: Callable[..., Spoken], tmp_path: Path
+) -> None:
+    ours, theirs, path = open_pseudo_terminal()
+    file, folder = tmp_path / "study.toml", tmp_path / "study"
+    file.write_text(STUDY)
+    live = ("--live", "--port", free_port(), "--out", folder, "--trigger", f"byte:{path}")
+    study = start("study", file, *live, stdin=subprocess.PIPE)
+    study.hear("Press Enter|press Enter|Enter")
+    study.tell("")
+    assert study.end() == 0, study.said
+    found = b""
+    while select.select([ours], [], [], 0.0)[0]:
+        found += os.read(ours, 64)
+    assert [code for code in found if code] == [10, 21, 99]
+    for end in (ours, theirs):
+        os.close(end)
+    exported = start("export", folder, "--to", "bids")
+    assert exported.end() == 0, exported.said
+    (events,) = (folder / "bids").glob("sub-01/motion/*_events.tsv")
+    with events.open(newline="") as lines:
+        rows = {row["trial_type"]: row for row in csv.DictReader(lines, delimiter="\t")}
+    assert {name: row["value"] for name, row in rows.items()} == {
+        "base": "10", "prepare": "n/a", "push": "21", "end": "99",
+    }  # fmt: skip
+    assert all(float(rows[name]["trigger_latency"]) > 0.0 for name in ("base", "push", "end"))

@@ -61,6 +61,24 @@ def test_every_marker_is_a_byte_of_its_own_and_then_zero(wire: Wire) -> None:
     assert (trigger.take(), trigger.counts, trigger.trouble) == ([], {}, "")
 
 
+def test_markers_have_the_codes_that_they_were_given(wire: Wire) -> None:
+    trigger = Trigger(TriggerLine(f"byte:{wire.path}"), {"begin it": 7, "lamp on": 200})
+    assert wire.read(1) == [0]
+    for text in ("demo: marker: begin it", "demo: marker: something else", "demo: anna marker: lamp on"):
+        trigger.fire(text)
+    assert wire.read(4) == [7, 0, 200, 0]
+    trigger.close()
+    assert [each.code for each in trigger.take()] == [7, 200]
+
+
+def test_a_marker_without_a_code_has_that_of_all_others(wire: Wire) -> None:
+    trigger = Trigger(TriggerLine(f"byte:{wire.path}"), {"lamp on": 3, "*": 9})
+    for text in ("demo: marker: lamp on", "demo: marker: lamp off"):
+        trigger.fire(text)
+    assert wire.read(5) == [0, 3, 0, 9, 0]
+    trigger.close()
+
+
 def test_codes_begin_anew_after_the_last(wire: Wire, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("cogrip.server.io.trigger.PULSE_S", 0.0)
     trigger = Trigger(TriggerLine(f"byte:{wire.path}"))
@@ -168,3 +186,20 @@ def test_commands_measure_a_line_and_do_not_begin_without_it(
     assert loop.startswith("  there and back: p50 ")
     words = cogrip.err("serve", "demo", "--trigger", "rts:nowhere")
     assert "--trigger rts:nowhere: No such file or directory" in words
+
+
+@pytest.mark.parametrize(
+    ("flags", "words"),
+    [
+        (["--trigger-code", "lamp=3"], "add --trigger byte:PORT"),
+        (["--trigger", "rts:/dev/nothing", "--trigger-code", "lamp=3"], "a line that sends bytes"),
+        *(
+            (["--trigger", "byte:/dev/nothing", "--trigger-code", each], "give TEXT=CODE")
+            for each in ("lamp", "lamp=0", "=3", "a=256", "a=x")
+        ),
+    ],
+)
+def test_codes_that_cannot_be_are_refused(flags: list[str], words: str, capsys: pytest.CaptureFixture[str]) -> None:
+    code, _, said = Cogrip(main, capsys)("serve", "demo", *flags)
+    assert code == 2
+    assert words in " ".join(said.split())

@@ -15,7 +15,7 @@ from cogrip.cli.serving.server_state import LOOPBACKS, authenticator_of, held_fo
 from cogrip.cli.session.loopback import is_loopback
 from cogrip.cli.session.network_rate import RateChoices, measured
 from cogrip.cli.session.python_worlds import PythonWorlds, allow_python_worlds
-from cogrip.cli.session.trigger_line import open_trigger
+from cogrip.cli.session.trigger_line import open_trigger, trigger_codes
 from cogrip.cli.session.view_child import ViewChild
 from cogrip.cli.terminal.parameters import Overrides, Quiet, Record, Report
 from cogrip.cli.terminal.problem import BadInput, Problem, some_time, within
@@ -49,6 +49,7 @@ def serve(
     log: Literal["text", "json"] = "text",
     metrics: int | None = None,
     trigger: str | None = None,
+    trigger_code: Annotated[tuple[str, ...], Parameter(negative="")] = (),
     hand_over: float | None = None,
     overrides: Overrides = (),
     seconds: float | None = None,
@@ -103,6 +104,9 @@ def serve(
         Port on loopback for /metrics (Prometheus) and /healthz; 0 takes a free one. None if not given.
     trigger
         Raise a line of a serial port, or send a byte on it, at every marker: rts:PORT, dtr:PORT or byte:PORT.
+    trigger_code
+        TEXT=CODE, repeatable: the byte of the marker of these words, 1 to 255, * for all others; markers without a code are not
+        sent. With none given, all are, by codes in turn.
     hand_over
         At SIGTERM keep the seats for the next start: people let go, and wait so many seconds for it. None if not given.
     seconds
@@ -169,9 +173,10 @@ def serve(
     }
     shared_flags = {"--shared": shared, "--room-ports": room_ports, "--checkpoints": checkpoints != "folder"}
     head = _head(cluster, one_host, shared_flags)
+    codes = trigger_codes(trigger, trigger_code)
     stop = Stop()
     with ExitStack() as stack:
-        line = open_trigger(trigger, stack)
+        line = open_trigger(trigger, stack, codes)
         warnings: list[str] = []
         folder = held_folder(state, port, encrypted, warnings.append, stack)
         _check_hand_over(hand_over, folder)

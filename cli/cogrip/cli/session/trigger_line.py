@@ -3,12 +3,13 @@
 import os
 import select
 import threading
+from collections.abc import Mapping, Sequence
 from contextlib import ExitStack, suppress
 from statistics import quantiles
 
 from cogrip.cli.terminal.problem import BadInput, Problem
 from cogrip.devices.io.platform import PSEUDO_TERMINALS, open_pseudo_terminal
-from cogrip.server.io.trigger import Trigger, TriggerError, TriggerLine, measure
+from cogrip.server.io.trigger import CODES, Trigger, TriggerError, TriggerLine, measure
 
 MEASURED = 100  # number of pulses that are measured
 PTY = "byte:pty"
@@ -17,12 +18,25 @@ NOTHING_BACK = (
 )
 
 
-def open_trigger(address: str | None, stack: ExitStack) -> Trigger | None:
+def trigger_codes(address: str | None, given: Sequence[str]) -> dict[str, int]:
+    """Return the codes of markers by their words, as flags give them, TEXT=CODE. Raises BadInput."""
+    found: dict[str, int] = {}
+    if given and not (address or "").startswith("byte:"):
+        raise BadInput("--trigger-code is for a line that sends bytes: add --trigger byte:PORT")
+    for each in given:
+        text, _, code = each.rpartition("=")
+        if not text or not code.isdecimal() or not 1 <= int(code) <= CODES:
+            raise BadInput(f"--trigger-code {each!r}: give TEXT=CODE, a marker's words and a number from 1 to {CODES}")
+        found[text] = int(code)
+    return found
+
+
+def open_trigger(address: str | None, stack: ExitStack, codes: Mapping[str, int] | None = None) -> Trigger | None:
     """Return the trigger, closed with `stack`; None where none is asked for. Raises BadInput."""
     if address is None:
         return None
     with BadInput.of(TriggerError, where="--trigger "):
-        trigger = Trigger(TriggerLine(address))
+        trigger = Trigger(TriggerLine(address), codes)
     stack.callback(trigger.close)
     return trigger
 

@@ -23,6 +23,7 @@ from cogrip.experiments.study.conductor import Quit, TrialEnded
 from cogrip.experiments.study.phases import Phase, PhaseWatch, phase_begun
 from cogrip.experiments.study.study_file import Study
 from cogrip.experiments.study.trial import TrialEvent, TrialState, begun_by, ended_by
+from cogrip.experiments.study.trigger_codes import codes_of_run
 from cogrip.machine.stop import Stop
 from cogrip.protocol.recording.records import Step
 from cogrip.protocol.settings.sections import Settings, User
@@ -54,6 +55,7 @@ class LiveSessions:
         self._pages, self._start_by = pages or Pages(), study.start
         self._end, self._keys, self._stop, self._console = study.end, keys, stop, console
         self._remote, self._flags, self._serving = remote, flags, serving
+        self._triggers = study.triggers if any(flag == "--trigger" for flag in serving) else {}
         self._host, self._port = host, port
         self._state = folder.resolve() / "state"  # key and tokens: links stay the same through the study
         self._children = folder / CHILDREN
@@ -65,9 +67,9 @@ class LiveSessions:
         into = ["--into", str(folder)]
         where = ["--host", self._host, "--port", str(self._port), "--state", str(self._state)]
         children: Children = {}
-        self._start(
-            children, "server", folder, ["serve", str(folder / SETTINGS), *where, "--fresh", *self._serving, *into]
-        )
+        codes = [f"--trigger-code={text}={code}" for text, code in codes_of_run(self._triggers, folder.name).items()]
+        serving = ["--fresh", *self._serving, *codes, *into]
+        self._start(children, "server", folder, ["serve", str(folder / SETTINGS), *where, *serving])
         ended = TrialEnded(TrialEvent.FAILED, "")
         try:
             port = listening_at("server", children["server"], folder / LOG, self._stop)

@@ -24,6 +24,7 @@ from cogrip.experiments.study.phases import spells
 from cogrip.experiments.study.study_file import Study
 from cogrip.experiments.study.table import ANSWER, MISSING, StudyTable
 from cogrip.experiments.study.trial import begun_by, ended_by
+from cogrip.experiments.study.trigger_codes import code_of, codes_of_run
 from cogrip.protocol.axes import GRIP_AXES, PLACES, POSE_AXES
 from cogrip.protocol.recording.reader import RecordingError
 from cogrip.protocol.recording.schema import described
@@ -53,8 +54,8 @@ EVENT_COLUMNS = {
     "condition": ("", "condition of the trial"), "block": ("", "block of the trial"),
     "trial": ("", "number of the trial in its group"), "repetition": ("", "repetition of the condition"),
     "practice": ("", "1: a trial for practice"),
-    "value": ("", "code that was written to the trigger line"),
-    "trigger_latency": ("s", "time from the event to the code on the trigger line"),
+    "value": ("", "code on the trigger line; without a trigger_latency the one that the study gives the event"),
+    "trigger_latency": ("s", "time from the event until the code was written to the trigger line"),
 }  # fmt: skip
 
 
@@ -165,7 +166,8 @@ class _Writer:
             columns = end.columns("tick")
             times = columns["time_s"]
             self._write_motion(f"{stem}_tracksys-{_SYSTEM}_{number}", columns, end)
-            rows = [*_events(run, line, interval, folder.name, float(times[0]), float(times[-1]) + 1.0 / end.rate_hz)]
+            span_s = float(times[0]), float(times[-1]) + 1.0 / end.rate_hz
+            rows = [*_events(run, line, interval, codes_of_run(self._study.triggers, folder.name), span_s)]
             told = [(*row[:2], self._told(row[2]), *row[3:]) for row in sorted(rows, key=lambda row: (row[0], -row[1]))]
             self._tsv(f"{stem}_{number}_events.tsv", [*EVENT_COLUMNS], told)
 
@@ -258,16 +260,22 @@ def _channels(columns: Mapping[str, Array]) -> Iterator[Channel]:
 
 
 def _events(
-    run: RunRecords, line: TrialLine, interval: int, name: str, first_s: float, last_s: float
+    run: RunRecords, line: TrialLine, interval: int, codes: Mapping[str, int], span_s: tuple[float, float]
 ) -> Iterator[tuple[Any, ...]]:
-    """Yield the rows of a session's events: the trial itself, its phases, and every other marker."""
-    markers = run.markers()
-    codes = {marker: (code, time_s) for time_s, code, marker in run.triggers()}
+    """Yield the rows of a session's events: the trial itself, its phases, and every other marker.
+
+    A marker has the code that was written, else the one that the study gives it.
+    """
+    markers, name, (first_s, last_s) = run.markers(), line.runs[interval], span_s
+    triggers = [(said.partition("marker: ")[2], code, time_s) for time_s, code, said in run.triggers()]
     begin, end = begun_by(name), ended_by(name, line.ended[interval])
     place = line.condition, line.block, line.number, line.repetition + 1, int(line.practice)
 
     def row(time_s: float, until_s: float, kind: str, event: str, marker: str) -> tuple[Any, ...]:
-        code, written_s = next((found for said, found in codes.items() if said.endswith(marker)), (None, None))
+        written = [
+            (c, s) for words, c, s in triggers if s >= time_s and (marker == words or marker.endswith(f" {words}"))
+        ]
+        code, written_s = written[0] if written else (code_of(codes, marker), None)
         latency_s = None if written_s is None else written_s - time_s
         return time_s - first_s, until_s - time_s, kind, event, *place, code, latency_s
 
@@ -297,9 +305,9 @@ def _readme(name: str, instructions: str, simulated: bool) -> str:
 
 {who} {instructions}
 
-Written by `cogrip export --to bids`. Each person's hand, its velocity, the force on it and the object as the person's client knew
-it are motion data, one run a session, at the rate of the device's loop; events are in seconds from the first sample of that run.
-Forces are channels of type MISC, as the standard has none for them. Positions of a hand are in its device's own frame, those of the
-object in the object's. A row of `beh` is a session, in the order of the runs, with what it set, its measures and answers; texts
-that people typed are left out.
+Written by `cogrip export --to bids`. Each person's hand, its velocity, the force on it and the object as the person's client
+knew it are motion data, one run a session, at the rate of the device's loop; events are in seconds from the first sample of
+that run. Forces are channels of type MISC, as the standard has none for them. Positions of a hand are in its device's own
+frame, those of the object in the object's. A row of `beh` is a session, in the order of the runs, with what it set, its
+measures and answers; texts that people typed are left out.
 """

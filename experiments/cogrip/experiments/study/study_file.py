@@ -15,6 +15,7 @@ from cogrip.experiments.study.questions import Question, items_of, unfit_questio
 from cogrip.experiments.study.spread import unfit_spread
 from cogrip.experiments.study.staircase import Staircase, unfit_staircase
 from cogrip.experiments.study.trial import begun_by
+from cogrip.experiments.study.trigger_codes import unfit_triggers
 from cogrip.protocol.foreign_file import ForeignFileError
 from cogrip.protocol.settings.effects import EffectSection
 from cogrip.protocol.settings.room import resolve
@@ -89,6 +90,7 @@ class Study(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     """A whole study. session: settings over those of the file `settings`; participants: people, or groups of people.
 
     effects: by name, for `effects` of a session or condition, a list of names in place of [[effects]].
+    triggers: codes on the trigger line by event, as in `trigger_codes`; none: all markers, by codes in turn.
 
     axis: words under the conditions in figures; start: how people say that they are ready, of live sessions.
     """
@@ -109,6 +111,7 @@ class Study(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     conditions: dict[Name, dict[str, Any]] = {}
     effects: dict[Name, StudyEffect] = {}
     questions: dict[Name, Question] = {}
+    triggers: dict[str, Annotated[int, msgspec.Meta(ge=1, le=255)]] = {}
     simulated: SimulatedObserver = SimulatedObserver()
 
     def groups(self) -> list[tuple[str, ...]]:
@@ -243,6 +246,8 @@ def check(study: Study, base: Mapping[str, Any]) -> list[tuple[str, Settings]]:
                 )
             found.append((where, settings))
             lasts_s[condition] = settings.seconds
+    if why := unfit_triggers(study.triggers, {phase.name for block in study.blocks for phase in block.phases}):
+        raise StudyError(f"triggers.{why}")
     _check_phases(study, lasts_s)
     _check_effects(study)
     _check_levels(study, base)

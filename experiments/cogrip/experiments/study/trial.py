@@ -9,6 +9,7 @@ from collections.abc import Sequence
 from enum import Enum, auto
 from typing import Literal
 
+How = Literal["time", "goal", "operator"]  # by what a session ended
 State = Literal["waiting", "running", "asking", "paused", "finished", "abandoned"]
 
 

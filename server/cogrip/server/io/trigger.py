@@ -9,7 +9,7 @@ import os
 import threading
 import time
 from collections import Counter, deque
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from contextlib import suppress
 from queue import SimpleQueue
 from typing import Literal, NamedTuple, get_args
@@ -24,6 +24,8 @@ CODES = 255  # number of codes, bytes 1 to 255 in turn; 0 is rest
 MOST_WAITING = 64
 WRITE_LIMIT_S = 0.5
 END_S = 2.0
+ANY = "*"
+"""Marker that stands for all that have no code of their own."""
 
 
 class TriggerError(Exception):
@@ -98,21 +100,27 @@ def _reason(error: Exception, signal: str) -> str:
 class Trigger:
     """Writes markers to a line, in a thread. counts: those that were not, by reason; trouble: why the first was not, once."""
 
-    def __init__(self, line: TriggerLine) -> None:
+    def __init__(self, line: TriggerLine, codes: Mapping[str, int] | None = None) -> None:
+        """codes: by the words of a marker, of which those without one are not written; none: all are, by codes in turn."""
         self.counts: Counter[str] = Counter()
         self.trouble = ""
         self._line = line
-        self._asked: SimpleQueue[tuple[str, int] | None] = SimpleQueue()
+        self._codes = codes or {}
+        self._asked: SimpleQueue[tuple[str, int, int] | None] = SimpleQueue()
         self._written: deque[Written] = deque(maxlen=MOST_WAITING)
         self._thread = threading.Thread(target=self._run, name="trigger", daemon=True)
         self._thread.start()
 
     def fire(self, text: str) -> None:
         """Ask for a pulse for a marker; returns at once."""
+        words = text.partition("marker: ")[2]
+        code = self._codes.get(words, self._codes.get(ANY, 0))
+        if self._codes and not code:
+            return
         if self._asked.qsize() >= MOST_WAITING:
             self.counts["trigger: too many markers"] += 1
         else:
-            self._asked.put((text, time.monotonic_ns()))
+            self._asked.put((text, code, time.monotonic_ns()))
 
     def take(self) -> list[Written]:
         """Return what was written since the last call."""
@@ -127,10 +135,11 @@ class Trigger:
         self._thread.join(END_S)
 
     def _run(self) -> None:
-        code = 0
+        turn = 0
         while (asked := self._asked.get()) is not None:
-            text, asked_ns = asked
-            code = code % CODES + 1
+            text, code, asked_ns = asked
+            turn = turn % CODES + 1
+            code = code or turn
             try:
                 self._line.raise_(code)
                 now_ns = time.monotonic_ns()
