@@ -83,7 +83,7 @@ def test_tab_that_comes_later_is_told_the_open_prompt() -> None:
     (said,) = tab.take()
     assert json.loads(said) == {
         "type": "panel", "person": "P01", "state": "asking", "title": "trial 3", "text": "", "cue": "", "target": None,
-        "prompt": {**msgspec.to_builtins(GO), "number": 1, "choices": []},
+        "prompt": {**msgspec.to_builtins(GO), "number": 1, "choices": []}, "sound": None,
     }  # fmt: skip
     panel.leave(tab)
     panel.tell()

@@ -31,6 +31,8 @@ device = "web:pointer"
 [[session.users]]
 device = "sim:ideal"
 hand = "sine&amplitude_m=0.005&frequency_hz=0.5"
+[audio]
+noise = "pink"
 [goal]
 place_m = [0.04]
 within_m = 0.01
@@ -95,7 +97,11 @@ def one_session(said: Spoken, first: BrowserPage, second: BrowserPage) -> None:
     said.hear("P01 is ready")
     said.hear("everybody holds on")
     first.until("cogrip.frame?.drawn.target?.place[0] === 0.04")
+    for page in (first, second):
+        page.until("cogrip.sounds.noise && cogrip.sounds.most > 0.01")
     said.tell("e")
+    for page in (first, second):
+        page.until("!cogrip.sounds.noise && cogrip.sounds.most === 0")
 
 
 @pytest.mark.long

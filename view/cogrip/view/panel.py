@@ -36,6 +36,20 @@ class Prompt(msgspec.Struct, frozen=True, kw_only=True):
     problem: str = ""  # why the last reply was not taken
 
 
+class Sound(msgspec.Struct, frozen=True):
+    """Sounds of a page: of `tones` the newest begins a phase, noise goes on while the state is running.
+
+    Levels are of full scale; 0 Hz is no tone.
+    """
+
+    tone_hz: float = 0.0
+    tone_s: float = 0.15
+    tone_level: float = 0.2
+    noise: Literal["none", "white", "pink"] = "none"
+    noise_level: float = 0.1
+    tones: int = 0
+
+
 class PanelMessage(msgspec.Struct, frozen=True, tag_field="type", tag="panel"):
     """A panel as a page shows it."""
 
@@ -46,6 +60,7 @@ class PanelMessage(msgspec.Struct, frozen=True, tag_field="type", tag="panel"):
     cue: str = ""  # of the phase of the trial that is going on
     target: GoalPlace | None = None
     prompt: Prompt | None = None
+    sound: Sound | None = None
 
 
 class Panel:
@@ -71,10 +86,11 @@ class Panel:
         self.message = message
         self._changed()
 
-    def change(self, *, target: GoalPlace | None = None, cue: str | None = None) -> None:
-        """Show another target or cue, and leave the rest."""
+    def change(self, *, target: GoalPlace | None = None, cue: str | None = None, sound: Sound | None = None) -> None:
+        """Show another target, cue or sound, and leave the rest."""
         message = self.message
-        self.message = replace(message, target=target or message.target, cue=message.cue if cue is None else cue)
+        cue = message.cue if cue is None else cue
+        self.message = replace(message, target=target or message.target, cue=cue, sound=sound or message.sound)
         self._changed()
 
     def take(self) -> str | None:

@@ -10,13 +10,17 @@ import msgspec
 from rich.console import Console
 
 from cogrip.cli.terminal.problem import Problem
+from cogrip.experiments.study.audio import Audio
 from cogrip.experiments.study.questions import MOST_TEXT, TLX_MOST, TLX_STEP, Item
 from cogrip.experiments.study.study_file import Study
 from cogrip.view.io.process import ListeningError, open_browser
 from cogrip.view.io.study_page import StudyPage, new_token
-from cogrip.view.panel import GoalPlace, PanelMessage, PanelState, Prompt
+from cogrip.view.panel import GoalPlace, PanelMessage, PanelState, Prompt, Sound
 
 FILE = "pages.json"  # file of port and tokens, beside the key of the server: tabs find the page again after a crash
+
+
+SILENT = Audio()
 
 
 class _Kept(msgspec.Struct):
@@ -29,8 +33,10 @@ class _Kept(msgspec.Struct):
 class Pages:
     """Pages of all participants. None for `page`: there are none, and nobody ever replies."""
 
-    def __init__(self, page: StudyPage | None = None) -> None:
+    def __init__(self, page: StudyPage | None = None, audio: Audio = SILENT) -> None:
         self.page = page
+        self._audio = audio
+        self._tones: dict[str, int] = {}  # phases that have begun, by person
         self._title: dict[str, str] = {}
         self._text: dict[str, str] = {}
 
@@ -46,7 +52,8 @@ class Pages:
         """Show a person a state of the trial, and a prompt."""
         if self.page is not None:
             title, text = self._title.get(person, ""), self._text.get(person, "")
-            self.page.panel(person).show(PanelMessage(person, state, title, text, prompt=prompt))
+            message = PanelMessage(person, state, title, text, prompt=prompt, sound=self._sound(person))
+            self.page.panel(person).show(message)
 
     def aim(self, people: Sequence[str], place_m: Sequence[float], within_m: float) -> None:
         """Show these people where the object is to be."""
@@ -55,10 +62,18 @@ class Pages:
             self.page.panel(person).change(target=GoalPlace(tuple(place_m), within_m))
 
     def cue(self, people: Sequence[str], text: str) -> None:
-        """Show these people the cue of a phase, until the next one or until anything else is shown."""
+        """Show these people the cue of a phase, until the next one or until anything else is shown, with its tone."""
         for person in people if self.page is not None else ():
             assert self.page is not None
-            self.page.panel(person).change(cue=text)
+            self._tones[person] = self._tones.get(person, 0) + 1
+            self.page.panel(person).change(cue=text, sound=self._sound(person))
+
+    def _sound(self, person: str) -> Sound | None:
+        audio = self._audio
+        if not audio.wanted:
+            return None
+        levels = audio.tone_hz, audio.tone_s, audio.tone_level, audio.noise, audio.noise_level
+        return Sound(*levels, tones=self._tones.get(person, 0))
 
     def take(self, person: str) -> str | None:
         """Return a person's reply to the prompt, None while there is none."""

@@ -97,6 +97,8 @@ def study(
     elsewhere = _remote(asked, remote)
     if view and not live:
         raise BadInput("--view is for live sessions: add --live, or leave it out")
+    if live and asked.audio.wanted and not view:
+        raise BadInput(f"{study}: [audio] sounds on people's pages; add --view")
     if trigger is not None:
         if not live:
             raise BadInput("--trigger is for live sessions: add --live, or leave it out")
@@ -123,7 +125,8 @@ def study(
             keys = Keys(stop)
             serving = ["--trigger", trigger] if trigger else []
             flags = ["--allow-unstable"] if allow_unstable else []
-            pages = Pages(open_page(asked, path, hands, groups, console, stack)) if view else Pages()
+            page = open_page(asked, path, hands, groups, console, stack) if view else None
+            pages = Pages(page, asked.audio)
             sessions = LiveSessions(asked, path, keys, stop, console, elsewhere, host, port, flags, serving, pages)
             who = TerminalPeople(
                 keys, console, pages, buttons=asked.start == "button", length=partial(trials_in_words, asked)

@@ -9,6 +9,7 @@ from typing import Annotated, Any, Literal
 import msgspec
 from msgspec.structs import replace
 
+from cogrip.experiments.study.audio import Audio
 from cogrip.experiments.study.orders import Order
 from cogrip.experiments.study.phases import Phase, phase_begun, unfit_phases
 from cogrip.experiments.study.questions import Question, items_of, unfit_question
@@ -111,6 +112,7 @@ class Study(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     conditions: dict[Name, dict[str, Any]] = {}
     effects: dict[Name, StudyEffect] = {}
     questions: dict[Name, Question] = {}
+    audio: Audio = Audio()
     triggers: dict[str, Annotated[int, msgspec.Meta(ge=1, le=255)]] = {}
     simulated: SimulatedObserver = SimulatedObserver()
 

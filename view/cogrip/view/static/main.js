@@ -12,6 +12,7 @@ import { Player } from "./player.js";
 import { clock, PlayerBar } from "./player_bar.js";
 import { Plots } from "./plots.js";
 import { Socket } from "./socket.js";
+import { Sounds } from "./sounds.js";
 
 const VERSION = 1; // of the scene message
 const PLOT_WINDOW_S = 10;
@@ -46,6 +47,7 @@ export class App {
     this.people = new People(part("people"), (seat) => this.showGhost(seat === this.ghostSeat ? null : seat));
     this.hand = new Hand(part("canvas"), this.picture, (message) => this.socket?.send(message) ?? false, changed);
     this.panel = new Panel(part("panel"), (number, text) => this.socket?.send(JSON.stringify({ type: "reply", number, text })) ?? false);
+    this.sounds = new Sounds(this.panel.part("sound"));
     this.followTheme();
     this.help = listen(this, part("help"));
     this.buttons();
@@ -74,7 +76,10 @@ export class App {
       panel: (message) => this.takePanel(message),
       status: (text) => this.status(text),
       over: () => this.panel.over,
-      closed: () => this.rest(this.panel.over ? "over" : "not connected"),
+      closed: () => {
+        this.sounds.silence();
+        this.rest(this.panel.over ? "over" : "not connected");
+      },
       malformed: () => (this.measures.malformed += 1),
     });
     setInterval(() => this.watch(), 500);
@@ -147,6 +152,7 @@ export class App {
   /** @param {object} message of a study's participant */
   takePanel(message) {
     this.panel.show(message);
+    this.sounds.show(message);
     this.picture.aim(message.target);
     this.request();
   }
@@ -352,6 +358,11 @@ window.cogrip = Object.freeze({
   get player() {
     const { time_s, playing, speed, loop } = app.player ?? {};
     return app.player && { time_s, playing, speed, loop: { ...loop } };
+  },
+  get sounds() {
+    const { context, noise, sounds, sound } = app.sounds;
+    const samples = app.sounds.samples();
+    return { made: context !== null, runs: sounds, noise: noise !== null, told: sound, most: Math.max(...samples.map(Math.abs)) };
   },
   get hand() {
     return { own: structuredClone(app.hand.own), target_m: app.hand.target, sent: app.hand.number };
