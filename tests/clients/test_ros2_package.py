@@ -75,6 +75,44 @@ def test_velocity_is_used_where_it_is_asked_for(ros: Ros) -> None:
     assert device.read(1) == cogrip.Sample((0.01, 0.0, 0.0), (0.0, 0.5, 0.0), 1)
 
 
+def test_a_message_counts_once_and_if_it_is_newer_than_the_one_before(ros: Ros) -> None:
+    device = make_device(ros)
+    device.open(1024)
+    for tick, (nanosec, counts) in enumerate([(5, True), (5, False), (4, False), (6, True), (0, True), (3, True)]):
+        message = pose(0.01)
+        message.header.stamp.nanosec = nanosec
+        ros.publish("MTML/measured_cp", message)
+        assert (device.read(tick) is not None) is counts, nanosec
+    assert device.counts == {"measured_cp that is no newer": 2}
+
+
+def test_a_velocity_counts_for_a_hundredth_of_a_second(ros: Ros) -> None:
+    device = make_device(ros, "--velocity")
+    device.open(1024)
+    twist = MESSAGES["TwistStamped"]()
+    twist.twist.linear.x = 0.5
+    ros.publish("MTML/measured_cv", twist)
+    for tick in range(200):
+        ros.publish("MTML/measured_cp", pose(0.01))
+        if tick <= 10:
+            assert device.read(tick) == cogrip.Sample((0.01, 0.0, 0.0), (0.5, 0.0, 0.0), 1)
+        elif tick <= 10 + 102:
+            assert device.read(tick) is None
+        else:
+            break
+    with pytest.raises(cogrip.DeviceError, match=r"no measured_cv for 0\.1 s that is newer"):
+        device.read(tick)
+
+
+def test_people_are_topics_of_their_own_whatever_they_are_called(ros: Ros) -> None:
+    from cogrip_ros2.watch import SessionTopics  # type: ignore[import-not-found]
+
+    topics = SessionTopics(ros.node("test"))
+    names = ["anna", "Ben 2", "Ben-2", "2nd", "Ünal", "___", "object", "anna"]
+    places = ["anna", "Ben_2", "Ben_2_2", "p2nd", "nal", "person", "object_2", "anna"]
+    assert [topics._place(name) for name in names] == places
+
+
 def test_a_silent_arm_is_lost_and_a_wrong_force_becomes_none(ros: Ros, pushed: list[Any]) -> None:
     device = make_device(ros)
     with pytest.raises(cogrip.DeviceError, match="closed"):
