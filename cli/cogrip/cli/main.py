@@ -32,7 +32,7 @@ GROUPS: dict[str, Table] = {
     "Runs": {
         "runs": ("runs.listing:runs", "List the recorded runs, newest first."),
         "report": ("runs.report:report", "Write the report of a run, or of several compared."),
-        "export": ("runs.export:export", "Write a run's recordings as CSV or Parquet tables."),
+        "export": ("runs.export:export", "Write a run as tables, a bag of ROS 2 or a layout for Foxglove; a study as BIDS."),
         "replay": ("runs.replay:replay", "Replay a recorded session: bit for bit, or as what-if."),
         "merge": ("runs.merge:merge", "Merge the recordings of one run from several machines."),
         "recover": ("runs.recover:recover", "Recover what is whole of a recording that was cut short or damaged."),

@@ -13,11 +13,12 @@ from cogrip.experiments.study.table import read_table
 from cogrip.protocol.io.recorder import is_being_written
 from cogrip.protocol.recording.folder import recordings_of
 from cogrip.results.reading.bag import export_bag
-from cogrip.results.reading.export import ExportError, Format
+from cogrip.results.reading.export import ExportError
 from cogrip.results.reading.export import export as export_run
 from cogrip.results.reading.traces import losses
 from cogrip.view.foxglove_layout import export_layout
 
+To = Literal["csv", "parquet", "rosbag2", "foxglove", "bids"]
 _NO_BAG_OF = "there is no bag of {what}; export --to csv has them, or say it again once the run has ended"
 
 
@@ -25,12 +26,12 @@ def export(
     run: Path,
     /,
     *,
-    to: Format | Literal["rosbag2", "foxglove", "bids"],
+    to: To,
     out: Path | None = None,
     datagrams: bool = False,
     runs: RunsBelow = RUNS,
 ) -> int:
-    """Write a run's recordings as tables or a bag of ROS 2, or a layout that shows it; or a study as a data set of BIDS.
+    """Write a run as tables, a bag of ROS 2 or a layout for Foxglove; a study as BIDS.
 
     Tables: a file for each end and kind of message, such as client-anna.tick.csv. `time_s` stands first, in seconds of the run;
     vectors are spread over columns (position_m_x), accounts too (link_up_lost, ticks_late_us_p99); unknown values are empty.
@@ -43,9 +44,9 @@ def export(
     run
         Run folder, or its name in `runs` (--runs), or one .mcap file; for bids the folder of a study, such as studies/fitts.
     to
-        Format of the files; parquet and rosbag2 need the extras of the same name. A bag is a folder, rosbag2. Of
-        foxglove there is layout.json, for Foxglove and Lichtblick, which open the recordings as they are. A
-        data set of BIDS is the folder bids, with people as sub-01, sub-02 ..., motion data, events, measures and answers.
+        Format; parquet and rosbag2 need the extras of the same name. A bag of ROS 2 is the folder rosbag2. foxglove: a file,
+        layout.json, for Foxglove and Lichtblick, which open the recordings as they are. A data set of BIDS is the folder bids:
+        people as sub-01, sub-02 ..., motion data, events, measures and answers.
     out
         Folder for them; else the run's own.
     datagrams
