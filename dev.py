@@ -29,6 +29,7 @@ import contextlib
 import hashlib
 import json
 import os
+import re
 import shutil
 import subprocess
 import sys
@@ -92,28 +93,61 @@ def compile_in_background() -> None:
         )  # fmt: skip
 
 
-def prepare() -> int:
-    """Bring `.venv` up to date with the lock, the project file, this Python and this folder; at once if it is."""
+def prepare(whole: bool = True) -> int:
+    """Bring `.venv` up to date with the lock, the project file, this Python and this folder; at once if it is.
+
+    whole: with what tests, linters and the site need; else cogrip's own packages suffice, which are there sooner.
+    """
     # A virtual environment holds absolute paths: a checkout that was moved or copied needs a new one.
     packages = [sys.version, sys.base_prefix, str(VENV), _digest(LOCK)]
-    wanted = {"packages": packages, "project": _digest(PROJECT)}
+    project = _digest(PROJECT)
     found = json.loads(STAMP.read_text()) if STAMP.exists() else {}
-    if found == wanted:
+    made = found.get("packages") == packages
+    if made and found.get("project") == project and (found.get("whole") or not whole):
         return 0
     _need_pip()
-    if found.get("packages") != packages:
+    if not made:
         print("dev.py: making .venv; the first time this can take a minute", file=sys.stderr)
         # Some Linux distributions leave ensurepip out, so .venv is made without pip and filled from outside.
         venv.create(VENV, clear=True, with_pip=False, symlinks=os.name != "nt")
-        _pip("install", "--no-compile", "--require-hashes", "--only-binary", ":all:", "--requirement", LOCK)
+    whole = whole or bool(made and found.get("whole"))
+    if not made or (whole and not found.get("whole")):
+        with tempfile.TemporaryDirectory() as folder:
+            wanted = Path(folder, "requirements.txt")
+            wanted.write_text(LOCK.read_text() if whole else own_requirements(LOCK.read_text(), PROJECT.read_text()))
+            _pip("install", "--no-compile", "--require-hashes", "--only-binary", ":all:", "--requirement", wanted)
     # The lock already holds the build backend: nothing is fetched here.
     _pip("install", "--no-compile", "--no-deps", "--no-build-isolation", "--no-index", "--editable", ROOT)
-    STAMP.write_text(json.dumps(wanted))
+    STAMP.write_text(json.dumps({"packages": packages, "project": project, "whole": whole}))
     return 0
 
 
+def own_requirements(lock: str, project: str) -> str:
+    """Return what of a lock cogrip needs to run and to be installed: no extra, and nothing of tests, linters or the site.
+
+    The lock says of each package who requires it, after "via".
+    """
+    import tomllib  # an older Python reads this file as far as main()
+
+    table = tomllib.loads(project)
+    wanted = {_name(text) for text in (*table["project"]["dependencies"], *table["dependency-groups"]["build"])}
+    parts = re.split(r"^(?=[A-Za-z0-9])", lock, flags=re.MULTILINE)[1:]
+    requiring = [
+        (_name(part), {_name(text) for text in re.findall(r"#(?:\s+via)?\s+([\w.-]+)", part)}) for part in parts
+    ]
+    while more := {name for name, of in requiring if name not in wanted and of & wanted}:
+        wanted |= more
+    return "".join([part for part, (name, _) in zip(parts, requiring, strict=True) if name in wanted])
+
+
+def _name(text: str) -> str:
+    """Return the name at the start of a requirement, as packages are compared by it."""
+    found = re.match(r"[\w.-]+", text)
+    return re.sub(r"[-_.]+", "-", found[0]).lower() if found else ""
+
+
 def demo(*args: str) -> int:
-    prepare()
+    prepare(whole=False)
     compile_in_background()  # once the demonstration has ended, whose loops need the processors
     return _become("cogrip", "demo", *args)
 

@@ -1,5 +1,6 @@
 """`pip install cogrip` on every platform that docs/platforms.md names: a wheel of each package that is wanted there."""
 
+import importlib.metadata
 import os
 import re
 import subprocess
@@ -8,6 +9,7 @@ import tomllib
 from pathlib import Path
 from typing import NamedTuple
 
+import dev
 import pytest
 from packaging.markers import Marker
 from packaging.requirements import Requirement
@@ -147,3 +149,26 @@ def test_without_them_all_else_is_whole(tmp_path: Path) -> None:
     assert process.returncode in (0, 1), said  # so short, the cube has hardly moved
     assert "report: " in said
     assert "Traceback" not in said
+
+
+def names_of(requirements: str) -> set[str]:
+    return {re.sub(r"[-_.]+", "-", match[1]).lower() for match in ENTRY.finditer(requirements)}
+
+
+def test_the_demonstration_waits_for_no_package_of_tests() -> None:
+    """What it installs is all that cogrip requires, by what the installed packages themselves say, and no more."""
+    project = (ROOT / "pyproject.toml").read_text(encoding="utf-8")
+    own, whole = dev.own_requirements(LOCK, project), names_of(LOCK)
+    needed, waiting = set[str](), ["cogrip", *tomllib.loads(project)["dependency-groups"]["build"]]
+    while waiting:
+        name = re.sub(r"[-_.]+", "-", Requirement(waiting.pop()).name).lower()
+        if name in needed:
+            continue
+        needed.add(name)
+        for text in importlib.metadata.requires(name) or ():
+            if (each := Requirement(text)).marker is None or each.marker.evaluate({"extra": ""}):
+                waiting.append(each.name)
+    assert needed - {"cogrip"} <= names_of(own)
+    assert names_of(own).isdisjoint({"pytest", "mypy", "ray", "sphinx", "rosbags", "hypothesis", "cyclonedds"})
+    assert names_of(own) < whole
+    assert all(each[0] in LOCK for each in ENTRY.finditer(own)), "with their hashes"
