@@ -165,9 +165,8 @@ def test_the_demonstration_waits_for_no_package_of_tests() -> None:
         if name in needed:
             continue
         needed.add(name)
-        for text in importlib.metadata.requires(name) or ():
-            if (each := Requirement(text)).marker is None or each.marker.evaluate({"extra": ""}):
-                waiting.append(each.name)
+        required = map(Requirement, importlib.metadata.requires(name) or ())
+        waiting += [each.name for each in required if each.marker is None or each.marker.evaluate({"extra": ""})]
     assert needed - {"cogrip"} <= names_of(own)
     assert names_of(own).isdisjoint({"pytest", "mypy", "ray", "sphinx", "rosbags", "hypothesis", "cyclonedds"})
     assert names_of(own) < whole
