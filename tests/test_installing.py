@@ -156,7 +156,7 @@ def names_of(requirements: str) -> set[str]:
 
 
 def test_the_demonstration_waits_for_no_package_of_tests() -> None:
-    """What it installs is all that cogrip requires, by what the installed packages themselves say, and no more."""
+    """It installs all that cogrip requires, by what the installed packages themselves say, and no more."""
     project = (ROOT / "pyproject.toml").read_text(encoding="utf-8")
     own, whole = dev.own_requirements(LOCK, project), names_of(LOCK)
     needed, waiting = set[str](), ["cogrip", *tomllib.loads(project)["dependency-groups"]["build"]]

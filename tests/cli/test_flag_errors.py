@@ -21,7 +21,9 @@ MISTAKES = {
     "join 127.0.0.1:1 --start-s x": "--start-s: expects a number, in s; got 'x'",
     "join 127.0.0.1:1 --observe=maybe": "--observe: expects true or false; got 'maybe'",
     "serve demo --log xml": '--log: expects "text" or "json"; got \'xml\'',
-    "export none --to parqet": '--to: expects "csv" or "parquet"; got \'parqet\'; did you mean parquet?',
+    "export none --to parqet": (
+        '--to: expects "csv", "parquet", "rosbag2", "foxglove" or "bids"; got \'parqet\'; did you mean parquet?'
+    ),
     "devices emulate nope": 'KIND: expects "serial", "haply", "hid" or "inverse"; got \'nope\'',
     "join": f"join: SERVER is missing; `cogrip join {HELP}",
     "lab demo --set": f"lab: --set needs a value; `cogrip lab {HELP}",

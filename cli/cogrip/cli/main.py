@@ -48,7 +48,7 @@ GROUPS: dict[str, Table] = {
         "figures": ("study.figures:figures", "Draw the paper's figures, and ours beside them."),
     },
     "Devices": {
-        "devices": ("devices.commands:devices", "Devices: list, find, wizard, calibrate, check, conform, emulate."),
+        "devices": ("devices.commands:devices", "Devices: list, find, wizard, calibrate, check, commission, conform, emulate."),
     },
     "Worlds": {
         "worlds": ("worlds.commands:worlds", "Worlds, also your own: list, check."),

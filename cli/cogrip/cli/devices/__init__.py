@@ -1,1 +1,1 @@
-"""Commands for devices: list, find, wizard, calibrate, check, conform, emulate."""
+"""Commands for devices: list, find, wizard, calibrate, check, commission, conform, emulate."""
