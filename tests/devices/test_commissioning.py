@@ -4,8 +4,11 @@ Rehearsed on emulated arms with their drivers, and on the drivers of two vendors
 library: faults are of that mass, behind the vendor's library, where no line of the driver knows of them.
 """
 
+import dataclasses
 import json
 import re
+import subprocess
+import sys
 from collections import deque
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
@@ -19,7 +22,7 @@ import pytest
 from cogrip.cli.devices.tried_response import read_sheet
 from cogrip.cli.main import main
 from cogrip.cli.terminal.problem import Problem
-from cogrip.client.commissioning import FOUND_SHARE, RATE_HZ, Stopped, commission
+from cogrip.client.commissioning import FOUND_SHARE, RATE_HZ, SHARES, Stopped, commission
 from cogrip.devices.commissioning_sheet import PUSH, QUIET, Sheet, Step, unit_of
 from cogrip.devices.device import Device, DeviceError
 from cogrip.devices.io.calibration_store import FOLDER
@@ -343,3 +346,77 @@ def test_what_cannot_be_commissioned_says_so(
     assert run("devices", "commission", *words) != 0
     told = capsys.readouterr()
     assert text in " ".join((told.out + told.err).split())
+
+
+class Silenced(Watched):
+    """A device that gives no sample, or one that is none, from a tick of an opening on."""
+
+    def __init__(self, inner: Device, at_tick: int, gives: float | None) -> None:
+        super().__init__(inner)
+        inner_read = inner.read
+
+        def read(tick: int) -> Any:
+            sample = inner_read(tick)
+            if tick < at_tick or sample is None:
+                return sample
+            return None if gives is None else sample.replaced(position_m=(gives, *sample.position_m[1:]))
+
+        self.read = read
+
+
+@pytest.mark.parametrize("gives", [None, float("nan"), float("inf")])
+def test_no_force_stands_on_samples_that_are_none(gives: float | None) -> None:
+    record, devices, forces, steps = make("emulated:vintage", axes=3).capability, list[Watched](), [], list[Step]()
+
+    @contextmanager
+    def opened() -> Iterator[tuple[Device, Clock]]:
+        last = len(devices) == len(SHARES) + 1  # the quiet part is the last opening
+        device = Silenced(make(f"emulated:vintage?hand={HUNG}", axes=3), 380 if last else 10**9, gives)
+        devices.append(device)
+        device.open(RATE_HZ)
+        yield device, lambda tick: tick
+        device.close()
+
+    def take() -> None:
+        for step in commission(record, opened, lambda what, force_n: None):
+            steps.append(step)
+            forces.append(devices[-1].asked[-1])
+
+    if gives is None:
+        take()
+        assert "no sample came for" in faults_of(steps)
+    else:
+        with pytest.raises(DeviceError, match="is no number"):
+            take()
+    quiet = devices[-1].asked
+    assert not any(quiet[-1]), "and none is left"
+    assert not any(map(any, forces)), "nor held while somebody is told"
+    pushed = [row for row in quiet if any(row)]
+    assert len(pushed) < 100, "it ends soon"
+    assert max(abs(part) for row in pushed for part in row) < FOUND_SHARE * record.peak_force_n
+
+
+def test_a_device_whose_loop_is_slower_is_not_pushed() -> None:
+    slow = dataclasses.replace(make("emulated:vintage", axes=3).capability, rate_hz=512)
+    with pytest.raises(DeviceError, match="rate_hz = 512"):
+        list(commission(slow, lambda: pytest.fail("it is opened"), lambda what, force_n: None))
+
+
+def test_a_sheet_that_refuses_is_not_replaced_by_one_that_was_left(folder: Path) -> None:
+    SheetStore().keep(sheet(WRONG, unit=current_unit()))
+    for typed in ("q\n", "\n\nq\n"):
+        subprocess.run(
+            [sys.executable, "-P", "-m", "cogrip.cli", "devices", "commission", ADDRESS, "--by", "B"], input=typed, text=True,
+            capture_output=True, check=False, timeout=60,
+        )  # fmt: skip
+        with pytest.raises(Problem, match="NOT fit"):
+            read_sheet(ADDRESS, lambda text: None)
+
+
+def test_a_device_has_one_sheet_by_all_its_names(folder: Path, tmp_path: Path) -> None:
+    node = tmp_path / "tty"
+    node.touch()
+    (tmp_path / "by-id").symlink_to(node)
+    one, other = f"serial:{tmp_path}/by-id?model=vintage", f"serial:{node}?model=vintage"
+    SheetStore().keep(msgspec.structs.replace(sheet(WRONG), device=one))
+    assert SheetStore().find(other).faults == WRONG.faults  # type: ignore[union-attr]

@@ -98,7 +98,7 @@ def test_an_effect_begins_and_ends_by_its_name() -> None:
     run_frames(laboratory, 1)
     assert effects_at(laboratory) == [1, 1], "it begins at once, whatever its start_s"
     refused = laboratory.room.unfit_change(room_change(["effects.push=off"]))
-    assert refused == "effects.push was set 0.008 s ago; wait 0.1 s from one switch to the next"
+    assert refused == "effects.push was set, or its marker came, 0.008 s ago; wait 0.1 s from one switch to the next"
     run_frames(laboratory, 64)
     felt = laboratory.people[0].core.handle(CloseLedger(laboratory.ticks(0)), laboratory.now_ns).effects
     assert felt.drawn_j > 0.0, "the hand's client renders it"
@@ -124,6 +124,32 @@ def test_an_effect_begins_and_ends_by_its_name() -> None:
     restarted.restore(again, 0)
     restarted.effects.follow(restarted.steps, restarted.markers)
     assert [len(restarted.effects.of(user)) for user in (0, 1)] == [1, 1]
+
+
+def test_an_effect_that_ended_before_a_restart_is_not_felt_again() -> None:
+    laboratory = Laboratory(resolve(two(effects=[{**PUSH, "seconds": 0.5}])))
+    set_room(laboratory, "effects.push=anna")
+    run_frames(laboratory, 2 * 128)
+    kept = decode(encode(laboratory.room.checkpoint()))
+    restarted = Laboratory(resolve(two(effects=[{**PUSH, "seconds": 0.5}]))).room
+    restarted.restore(kept, 0)
+    restarted.effects.follow(restarted.steps, restarted.markers)
+    assert [restarted.effects.of(user) for user in (0, 1)] == [(), ()]
+    assert restarted.changes.effects == {"push": "anna"}
+
+
+def test_a_marker_and_a_switch_are_no_vibration_together() -> None:
+    laboratory = Laboratory(resolve(two(effects=[PUSH])))
+    set_room(laboratory, "effects.push=on")
+    run_frames(laboratory, 1)
+    first = laboratory.room.effects.of(0)
+    laboratory.server.handle(Mark("go", ""), laboratory.now_ns)
+    run_frames(laboratory, 8)
+    assert laboratory.room.effects.of(0)[0] is first[0], "a marker so soon begins nothing anew"
+    run_frames(laboratory, 64)
+    laboratory.server.handle(Mark("go", ""), laboratory.now_ns)
+    run_frames(laboratory, 2)
+    assert "its marker came" in laboratory.room.unfit_change(room_change(["effects.push=off"]))
 
 
 @pytest.mark.parametrize(

@@ -14,13 +14,13 @@ shares below FOUND_SHARE: a device that has not moved by then, or that something
 
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import AbstractContextManager, contextmanager
-from math import hypot, sqrt
+from math import hypot, isfinite, sqrt
 
 from cogrip.client.hand.velocity import largest_impedance, observer_for
 from cogrip.client.safety.oscillation import OscillationDetector
 from cogrip.devices.commissioning_sheet import PUSH, QUIET, REST, Step
-from cogrip.devices.device import Capability, Device
-from cogrip.devices.response import AXES, MOST_GAIN, STROKE_TICKS, Clock, Response, push_along
+from cogrip.devices.device import Capability, Device, DeviceError, Sample
+from cogrip.devices.response import AXES, MOST_GAIN, SILENT_TICKS, STROKE_TICKS, Clock, Response, push_along
 from cogrip.machine.addition import add_floats
 
 RATE_HZ = 1024
@@ -53,6 +53,10 @@ Open = Callable[[], AbstractContextManager[tuple[Device, Clock]]]
 
 def commission(record: Capability, open_device: Open, allow: Allow) -> Iterator[Step]:
     """Try a device part by part; no force is left, however it ends. Raises DeviceError and Stopped."""
+    if record.rate_hz < RATE_HZ:
+        raise DeviceError(
+            f"its record has rate_hz = {record.rate_hz}, and its pushes are timed in ticks of {RATE_HZ} Hz"
+        )
     allow("without force: it is read alone", 0.0)
     with _freed(open_device) as (device, clock, tick):
         yield (rest := _rest(device, clock, tick))
@@ -75,13 +79,16 @@ def commission(record: Capability, open_device: Open, allow: Allow) -> Iterator[
             return
     allow("a nudge, then a damper", NUDGE_SHARE * record.peak_force_n)
     with _freed(open_device) as (device, clock, tick):
-        yield _quiet(device, clock, tick)
+        quiet = _quiet(device, clock, tick)
+        device.write((0.0,) * record.axes)  # before whoever is told takes time
+        yield quiet
 
 
 @contextmanager
 def _freed(open_device: Open) -> Iterator[tuple[Device, Clock, int]]:
     """Give the open device, its clock and the newest tick, once it has taken up its own weight; leave no force."""
-    with open_device() as (device, clock):
+    with open_device() as (opened, clock):
+        device = _Finite(opened)
         zero, tick = (0.0,) * device.capability.axes, -1
         try:
             while tick < WARM_TICKS:
@@ -91,6 +98,24 @@ def _freed(open_device: Open) -> Iterator[tuple[Device, Clock, int]]:
             yield device, clock, tick
         finally:
             device.write(zero)
+
+
+class _Finite:
+    """A device whose places are numbers, or it is lost: a limit of a force lets what is none through."""
+
+    def __init__(self, inner: Device) -> None:
+        self._inner = inner
+        self.open, self.write, self.close, self.counts = inner.open, inner.write, inner.close, inner.counts
+
+    @property
+    def capability(self) -> Capability:
+        return self._inner.capability
+
+    def read(self, tick: int) -> Sample | None:
+        sample = self._inner.read(tick)
+        if sample is not None and not all(map(isfinite, (*sample.position_m, *(sample.velocity_mps or ())))):
+            raise DeviceError(f"a sample of it is no number: {sample.position_m}; correct its driver")
+        return sample
 
 
 def _most_n(record: Capability) -> float:
@@ -106,7 +131,7 @@ def _stroke_ticks(record: Capability, force_n: float) -> int | None:
 
 def _rest(device: Device, clock: Clock, tick: int) -> Step:
     """Read for REST_S without force."""
-    record, zero = device.capability, (0.0,) * device.capability.axes
+    zero = (0.0,) * device.capability.axes
     places: list[Sequence[float]] = []
     last, oldest = tick + round(REST_S * RATE_HZ), 0
     while tick < last:
@@ -120,7 +145,7 @@ def _rest(device: Device, clock: Clock, tick: int) -> Step:
     share = len(places) / asked
     drift_m = max((max(column) - min(column) for column in zip(*places, strict=True)), default=0.0)
     faults = []
-    if share < LEAST_SAMPLED * min(1.0, record.rate_hz / RATE_HZ):
+    if share < LEAST_SAMPLED:
         faults.append(f"samples came in {100 * share:.0f} % of the ticks: see to its cable, and `cogrip doctor`")
     if drift_m > MOST_DRIFT_M:
         why = "its own weight moves it, or somebody does: hang it on a thread, or let go of it"
@@ -196,14 +221,18 @@ def _quiet(device: Device, clock: Clock, tick: int) -> Step:
     held: Sequence[float] = (0.0,) * axes
     begun: Sequence[float] | None = None
     velocity: Sequence[float] = [0.0] * axes
-    first, squares, counted, taken = tick + 1, 0.0, 0, tick
+    first, squares, counted, taken, samples = tick + 1, 0.0, 0, tick, 0
     what = f"damper of {impedance:.3g} N s/m"
     while tick - first < round(QUIET_S * RATE_HZ):
         tick = clock(tick + 1)
         sample = device.read(tick)
         if observer is not None:
             observer.hold(held, 1)
+        if sample is None and tick - taken > SILENT_TICKS:
+            fault = f"no sample came for {tick - taken} ticks, under force: see to its cable, and `cogrip doctor`"
+            return Step(QUIET, NUDGE_SHARE, push_n, what, (fault,))
         if sample is not None:
+            samples += 1
             begun = begun or sample.position_m
             if sample.velocity_mps is not None:
                 velocity = sample.velocity_mps
@@ -225,7 +254,10 @@ def _quiet(device: Device, clock: Clock, tick: int) -> Step:
             return Step(QUIET, NUDGE_SHARE, push_n, what, (fault,))
         if tick - first >= round((QUIET_S - SETTLED_S) * RATE_HZ):
             squares, counted = squares + add_floats(force * force for force in held), counted + 1
-    shake_n = sqrt(squares / max(1, counted))
-    faults = (f"the force shakes by {shake_n:.2f} N rms, at most {MOST_SHAKE_N:g}: lower damping_nspm",)
-    found = f"{what}: comes to rest, {shake_n:.3f} N rms"
-    return Step(QUIET, NUDGE_SHARE, push_n, found, faults if shake_n > MOST_SHAKE_N else ())
+    shake_n, share = sqrt(squares / max(1, counted)), samples / (tick - first + 1)
+    faults = []
+    if shake_n > MOST_SHAKE_N:
+        faults.append(f"the force shakes by {shake_n:.2f} N rms, at most {MOST_SHAKE_N:g}: lower damping_nspm")
+    if share < LEAST_SAMPLED:
+        faults.append(f"samples came in {100 * share:.0f} % of the ticks: see to its cable, and `cogrip doctor`")
+    return Step(QUIET, NUDGE_SHARE, push_n, f"{what}: comes to rest, {shake_n:.3f} N rms", tuple(faults))

@@ -47,6 +47,9 @@ class CrtkDevice:
 
     def _on_pose(self, message: Any) -> None:
         stamp_ns, at = _stamp_ns(message), message.pose.position
+        if not all(map(isfinite, (at.x, at.y, at.z))):
+            self.counts["measured_cp that is no number"] += 1
+            return
         if stamp_ns and stamp_ns <= self._pose_ns:
             self.counts["measured_cp that is no newer"] += 1
             return
@@ -54,6 +57,9 @@ class CrtkDevice:
 
     def _on_twist(self, message: Any) -> None:
         stamp_ns, speed = _stamp_ns(message), message.twist.linear
+        if not all(map(isfinite, (speed.x, speed.y, speed.z))):
+            self.counts["measured_cv that is no number"] += 1
+            return
         if stamp_ns and stamp_ns <= self._twist_ns:
             self.counts["measured_cv that is no newer"] += 1
             return
@@ -63,7 +69,8 @@ class CrtkDevice:
         if self._rate_hz:
             raise DeviceError("crtk: is open already; close it first")
         check_rate(rate_hz, self.capability, "crtk")
-        self._rate_hz, self._pose_tick, self._pose = rate_hz, -1, None
+        self._pose = self._twist = self._velocity = None  # nothing of an opening before is this one's
+        self._rate_hz, self._pose_tick, self._twist_tick = rate_hz, -1, 0
 
     def read(self, tick: int) -> Sample | None:
         if not self._rate_hz:

@@ -220,8 +220,8 @@ class Room:
         if seat.adapter is not None:
             seat.adapter.use_stiffness(now.coupling.stiffness_npm)
 
-    def change(self, change: RoomChange) -> None:
-        """Have the object, gravity and effects become what was set of them."""
+    def change(self, change: RoomChange, resumed: bool = False) -> None:
+        """Have the object, gravity and effects become what was set of them. resumed: before a crash or a hand-over."""
         world = self.world
         if not self._ramps:
             frame_s = 1.0 / self.settings.rates.network_hz
@@ -234,7 +234,7 @@ class Room:
         for (ramp, _), goal in zip(self._ramps, goals, strict=True):
             if goal is not None:
                 ramp.goal = goal
-        self.effects.switch(change.effects, self.steps)
+        self.effects.switch(change.effects, self.steps, resumed)
         self.changes = change.after(self.changes)
 
     def unfit_change(self, change: RoomChange) -> str:
@@ -290,7 +290,7 @@ class Room:
         if checkpoint.called and self.template:
             self.called, self.labels, self.is_open = checkpoint.called, dict(checkpoint.labels), True
         if checkpoint.changes != RoomChange():
-            self.change(checkpoint.changes)
+            self.change(checkpoint.changes, resumed=True)
         for seat, before in zip(self.seats, checkpoint.seats, strict=True):
             seat.restore(before)
             if before.ticket:

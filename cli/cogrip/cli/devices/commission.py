@@ -1,7 +1,7 @@
 """`cogrip devices commission`: the first hour with a device, and the sheet that says how it went."""
 
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from datetime import UTC, datetime
 from typing import Annotated
 
@@ -140,9 +140,20 @@ def _tried(
             _tell(console, lost)
         at = datetime.now(UTC).isoformat(timespec="seconds")
         sheet = Sheet(address, unit, by, at, VERSION, tuple(steps), ended)
+        if not steps or _is_refused(store, sheet):
+            say(console, "the sheet of before stays, if there is one: this one has no more to say")
+            return sheet
         path = store.keep(sheet)
     say(console, f"sheet: {path}")
     return sheet
+
+
+def _is_refused(store: SheetStore, sheet: Sheet) -> bool:
+    """Return whether the sheet of before refuses the device, and this one ended without coming so far."""
+    with suppress(DeviceError):
+        before = store.find(sheet.device)
+        return bool(before and before.unit == sheet.unit and before.faults and sheet.ended and not sheet.faults)
+    return False
 
 
 def _tell(console: Console, step: Step) -> None:

@@ -36,7 +36,8 @@ class CalibrationStore:
         """
         scheme, _, place = device.partition(":")
         if place.startswith("/"):
-            device = f"{scheme}:{os.path.realpath(place)}"
+            node, mark, keys = place.partition("?")
+            device = f"{scheme}:{os.path.realpath(node)}{mark}{keys}"
         readable = re.sub(r"[^A-Za-z0-9]+", "-", device).strip("-")[:60]
         digest = hashlib.sha256(device.encode("utf-8", "surrogatepass")).hexdigest()
         return self._folder / f"{readable}-{digest[:8]}.json"

@@ -2,6 +2,7 @@
 
 import os
 import secrets
+from contextlib import suppress
 from pathlib import Path
 
 import msgspec
@@ -51,14 +52,14 @@ class SheetStore:
             return None
         except (OSError, msgspec.MsgspecError) as error:
             raise DeviceError(f"{path}: cannot be read as a sheet ({error}); {again}") from None
-        if sheet.format != FORMAT or sheet.device != device or not sheet.is_genuine(self._key()):
+        if sheet.format != FORMAT or self.path_of(sheet.device) != path or not sheet.is_genuine(self._key()):
             raise DeviceError(f"{path}: the sheet was changed since it was signed, or is another device's; {again}")
         return sheet
 
     def keep(self, sheet: Sheet) -> Path:
         """Sign a sheet and write it in place of the one before. Raises DeviceError where that cannot be."""
         path = self.path_of(sheet.device)
-        new = path.with_suffix(".new")
+        new = path.with_suffix(f".{os.getpid()}.new")  # two may commission at once
         try:
             path.parent.mkdir(parents=True, exist_ok=True)
             new.write_bytes(msgspec.json.format(msgspec.json.encode(sheet.signed(self._key()))) + b"\n")
@@ -72,14 +73,14 @@ class SheetStore:
         path = self._folder / KEY_FILE
         try:
             path.parent.mkdir(parents=True, exist_ok=True)
-            try:
-                descriptor = os.open(path, os.O_CREAT | os.O_EXCL | os.O_WRONLY, 0o600)
-            except FileExistsError:
-                key = path.read_bytes()
-            else:
-                key = secrets.token_bytes(KEY_BYTES)
-                with os.fdopen(descriptor, "wb") as file:
-                    file.write(key)
+            if not path.exists():
+                new = path.with_suffix(f".{os.getpid()}.new")
+                with os.fdopen(os.open(new, os.O_CREAT | os.O_TRUNC | os.O_WRONLY, 0o600), "wb") as file:
+                    file.write(secrets.token_bytes(KEY_BYTES))
+                with suppress(FileExistsError):  # of another process, which was first
+                    os.link(new, path)
+                new.unlink()
+            key = path.read_bytes()
         except OSError as error:
             raise DeviceError(f"{path}: {error.strerror}; name another folder in {FOLDER}") from None
         if len(key) != KEY_BYTES:

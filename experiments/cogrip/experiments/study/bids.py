@@ -11,7 +11,7 @@ People are sub-01, sub-02 ... in the order of the study's file: no name of their
 import json
 import re
 import shutil
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from importlib.metadata import version
 from math import isfinite
 from pathlib import Path
@@ -24,7 +24,7 @@ from cogrip.experiments.study.phases import spells
 from cogrip.experiments.study.study_file import Study
 from cogrip.experiments.study.table import ANSWER, MISSING, StudyTable
 from cogrip.experiments.study.trial import begun_by, ended_by
-from cogrip.experiments.study.trigger_codes import code_of, codes_of_run
+from cogrip.experiments.study.trigger_codes import code_of, codes_of_run, words_of
 from cogrip.protocol.axes import GRIP_AXES, PLACES, POSE_AXES
 from cogrip.protocol.recording.reader import RecordingError
 from cogrip.protocol.recording.schema import described
@@ -33,6 +33,7 @@ from cogrip.results.reading.export import ExportError
 from cogrip.results.reading.records import End, RunRecords, open_run
 
 BIDS_VERSION = "1.10.0"
+WRITTEN_S = 1.0  # longest time from a marker to its code on the line: what comes later is another one's
 NONE = "n/a"  # word of the standard for a value that there is not
 _SYSTEM = "cogrip"  # name of the tracking system
 _AXES = ("x", "y", "z")
@@ -106,8 +107,11 @@ class _Writer:
         self._path, self._table, self._study, self._out = path, table, table.study, out
         self._labels = pseudonyms(table.study)
         self._task = re.sub(r"[^A-Za-z0-9]", "", table.study.name) or "task"
+        longest = sorted(self._labels, key=len, reverse=True)
+        self._plain_labels = {_plain_name(name).casefold(): label for name, label in self._labels.items()}
         self._names = re.compile(
-            "|".join(rf"\b{re.escape(name)}\b" for name in sorted(self._labels, key=len, reverse=True))
+            "|".join(rf"(?<![A-Za-z0-9]){re.escape(_plain_name(name))}(?![A-Za-z0-9])" for name in longest),
+            re.IGNORECASE,
         )
         self._runs = dict.fromkeys(self._labels, 0)  # sessions so far
         self._notes: list[str] = []
@@ -167,7 +171,9 @@ class _Writer:
             times = columns["time_s"]
             self._write_motion(f"{stem}_tracksys-{_SYSTEM}_{number}", columns, end)
             span_s = float(times[0]), float(times[-1]) + 1.0 / end.rate_hz
-            rows = [*_events(run, line, interval, codes_of_run(self._study.triggers, folder.name), span_s)]
+            rows = [
+                *_events(run, line, interval, codes_of_run(self._study.triggers, folder.name), span_s, self._labels)
+            ]
             told = [(*row[:2], self._told(row[2]), *row[3:]) for row in sorted(rows, key=lambda row: (row[0], -row[1]))]
             self._tsv(f"{stem}_{number}_events.tsv", [*EVENT_COLUMNS], told)
 
@@ -212,7 +218,7 @@ class _Writer:
 
     def _told(self, text: str) -> str:
         """Return a text with labels in the place of names."""
-        return self._names.sub(lambda match: f"sub-{self._labels[match[0]]}", " ".join(text.split()))
+        return self._names.sub(lambda match: f"sub-{self._plain_labels[match[0].casefold()]}", _plain_name(text))
 
     def _tsv(self, name: str, head: Sequence[str], rows: Iterable[Sequence[Any]]) -> None:
         self._text(name, "".join("\t".join(map(_cell, row)) + "\n" for row in (head, *rows)))
@@ -259,8 +265,17 @@ def _channels(columns: Mapping[str, Array]) -> Iterator[Channel]:
             yield Channel(f"hand_{component}", component, "ORNT", "hand", NONE, turned[:, place])
 
 
+def _plain_name(text: str) -> str:
+    return " ".join(text.split())
+
+
 def _events(
-    run: RunRecords, line: TrialLine, interval: int, codes: Mapping[str, int], span_s: tuple[float, float]
+    run: RunRecords,
+    line: TrialLine,
+    interval: int,
+    codes: Mapping[str, int],
+    span_s: tuple[float, float],
+    names: Collection[str],
 ) -> Iterator[tuple[Any, ...]]:
     """Yield the rows of a session's events: the trial itself, its phases, and every other marker.
 
@@ -273,9 +288,9 @@ def _events(
 
     def row(time_s: float, until_s: float, kind: str, event: str, marker: str) -> tuple[Any, ...]:
         written = [
-            (c, s) for words, c, s in triggers if s >= time_s and (marker == words or marker.endswith(f" {words}"))
+            (c, s) for said, c, s in triggers if words_of(marker, names) == said and 0.0 <= s - time_s <= WRITTEN_S
         ]
-        code, written_s = written[0] if written else (code_of(codes, marker), None)
+        code, written_s = written[0] if written else (code_of(codes, words_of(marker, names)), None)
         latency_s = None if written_s is None else written_s - time_s
         return time_s - first_s, until_s - time_s, kind, event, *place, code, latency_s
 

@@ -49,7 +49,12 @@ def codes_of_run(triggers: Mapping[str, int], run: str) -> dict[str, int]:
     return found
 
 
-def code_of(codes: Mapping[str, int], marker: str) -> int | None:
-    """Return the code of a marker, before whose words a person's name may stand; None where it has none."""
-    own = next((code for words, code in codes.items() if marker == words or marker.endswith(f" {words}")), None)
-    return codes.get(ANY) if own is None else own
+def words_of(marker: str, names: Collection[str]) -> str:
+    """Return the words of a marker, without the name of the person who set it."""
+    own = next((f"{name} " for name in names if marker.startswith(f"{name} ")), "")
+    return marker.removeprefix(own)
+
+
+def code_of(codes: Mapping[str, int], words: str) -> int | None:
+    """Return the code of a marker with these words; None where it has none."""
+    return codes.get(words, codes.get(ANY))

@@ -200,7 +200,9 @@ class Administration:
         if not why and name in taken:
             why = f"there is a room {name!r} already; give another name"
         if why or most is None or left[most] <= 0:
-            self._control.answer(request, OrderReply(False, why or all_open(order.template)))
+            starting = any(each.state == "assigned" for each in homes.workers)
+            none = "a process is starting anew; try again" if starting else all_open(order.template)
+            self._control.answer(request, OrderReply(False, why or none))
             return
         self._ask(request._replace(order=msgspec.structs.replace(order, name=name)), [most], now_ns)
 

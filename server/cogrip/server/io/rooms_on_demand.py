@@ -17,18 +17,20 @@ from cogrip.server.core import ServerCore
 from cogrip.server.room import Room
 
 EMPTY_S = 300.0  # time for which a room on demand may be empty, if nothing else is asked for
+MOST_NAME = 40  # most characters of a name, as of any room
 DRAWN = "abcdefghjkmnpqrstuvwxyz23456789"  # letters of a name that is drawn: none is taken for another
 
 
 def drawn_name(template: str) -> str:
     """Return a name for a room of a template that nobody has named."""
-    return f"{template}-{''.join(secrets.choice(DRAWN) for _ in range(4))}"
+    return f"{template[: MOST_NAME - 5]}-{''.join(secrets.choice(DRAWN) for _ in range(4))}"
 
 
 def unfit_name(name: str) -> str:
     """Return why no room can have this name, "" where one can."""
     cure = "write letters, digits, blanks and . _ -, a letter or digit first, at most 40"
-    return "" if re.match(NAME_PATTERN, name) else f"{name!r} is no name of a room; {cure}"
+    fits = len(name) <= MOST_NAME and re.match(NAME_PATTERN, name)
+    return "" if fits else f"{name!r} is no name of a room; {cure}"
 
 
 def unknown_template(template: str, there: Iterable[str]) -> str:

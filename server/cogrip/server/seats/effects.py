@@ -48,21 +48,26 @@ class RoomEffects:
                 return f"there is no effect {name!r}; there is: {', '.join(names) or 'none with a name'}"
             if value not in (ON, OFF) and (unknown := set(value.split(",")) - set(self._users)):
                 return f"effects.{name}: there is no user {min(unknown)!r}; name one of {', '.join(self._users)}"
-            since_s = (step - self._set_step[name]) * self._frame_s if name in self._set_step else LEAST_EVERY_S
+            places = [place for place, section in enumerate(self._sections) if section.name == name]
+            begun = self._set_step.get(name), self._marked[places[0]]
+            since_s = min([(step - each) * self._frame_s for each in begun if each is not None], default=LEAST_EVERY_S)
             if since_s < LEAST_EVERY_S:
-                return (
-                    f"effects.{name} was set {since_s:.3f} s ago; wait {LEAST_EVERY_S:g} s from one switch to the next"
-                )
+                wait = f"wait {LEAST_EVERY_S:g} s from one switch to the next"
+                return f"effects.{name} was set, or its marker came, {since_s:.3f} s ago; {wait}"
         return ""
 
-    def switch(self, switches: Mapping[str, str], step: int) -> None:
-        """Begin effects anew, or end them (`unfit`). One that was ended waits for no marker, but to be switched on."""
+    def switch(self, switches: Mapping[str, str], step: int, resumed: bool = False) -> None:
+        """Begin effects anew, or end them (`unfit`). One that was ended waits for no marker, but to be switched on.
+
+        resumed: by a checkpoint: one that ends by itself was felt before, and does not begin again
+        """
         for place, section in enumerate(self._sections):
             if not section.name or (value := switches.get(section.name)) is None:
                 continue
             self._set_step[section.name] = step
             self._set[place] = {ON: section.users or tuple(self._users), OFF: ()}.get(value, tuple(value.split(",")))
-            self._marked[place] = None if value == OFF else step - ceil(section.start_s / self._frame_s)
+            over = value == OFF or (resumed and section.seconds > 0.0 and not section.every_s)
+            self._marked[place] = None if over else step - ceil(section.start_s / self._frame_s)
 
     def follow(self, step: int, markers: RoomMarkers) -> None:
         """Begin what begins with this step. markers: of the room, with which effects may begin."""
@@ -70,8 +75,8 @@ class RoomEffects:
             return
         for mark in markers.since(self._looked):
             for place, section in enumerate(self._sections):
-                marked = self._marked[place]
-                fresh = marked is None or (mark.step - marked) * self._frame_s >= LEAST_EVERY_S
+                begun = self._marked[place], self._set_step.get(section.name)
+                fresh = all(each is None or (mark.step - each) * self._frame_s >= LEAST_EVERY_S for each in begun)
                 if section.marker and section.marker == mark.text and fresh and self._set[place] != ():
                     self._marked[place] = mark.step
         self._looked = step

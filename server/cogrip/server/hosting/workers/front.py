@@ -256,6 +256,9 @@ class Front(PublicSocket):
         match given:
             case Ready():
                 worker.state = "ready"
+                for called, (group, _) in list(self.pool.opened.items()):
+                    if group == worker.group and called not in worker.told:  # of the one before, without a checkpoint
+                        self._close_room(called)
                 text = f"worker {worker.number} (process {worker.process.pid}) serves {named(worker.rooms)}"
                 self.say(ServerEvent("notice", text))
             case Say():
@@ -289,11 +292,15 @@ class Front(PublicSocket):
     def _follow_room(self, worker: Worker, given: RoomOnDemand) -> None:
         """Take in that a room was opened, or is about to be closed: its links are then void."""
         if given.is_open:
+            worker.told.add(given.called)
             self.pool.opened[given.called] = worker.group, given.template
             self.opened[given.called] = self._templates[given.template]
-        elif self.pool.opened.pop(given.called, None) is not None:
-            del self.opened[given.called]
-            self.revoke_room(given.called)
+        elif given.called in self.pool.opened:
+            self._close_room(given.called)
+
+    def _close_room(self, called: str) -> None:
+        del self.pool.opened[called], self.opened[called]
+        self.revoke_room(called)
 
     def _is_at(self, address: Address, worker: Worker) -> bool:
         """Return whether a peer has its seat at this worker."""

@@ -7,7 +7,7 @@ second of a processor.
 import subprocess
 from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from types import MappingProxyType
 from typing import Literal
 
@@ -26,7 +26,7 @@ Start = Callable[[int, int], subprocess.Popen[bytes]]
 class Worker:
     """One process. rooms: those that it serves; none of a spare. state: "ready" once it serves them.
 
-    group: number of these rooms, whoever serves them
+    group: number of these rooms, whoever serves them; told: rooms on demand that it has said to be open
     """
 
     number: int
@@ -36,6 +36,7 @@ class Worker:
     group: int = -1
     state: Literal["spare", "assigned", "ready", "ended"] = "spare"
     snapshot: Snapshot | None = None
+    told: set[str] = field(default_factory=set)
 
 
 class WorkerPool:

@@ -411,11 +411,12 @@ class SceneWorld(World):
         mujoco.mj_getState(self.scene.model, self.data, self._state, _STATE)
         limiter = self.limiter
         seats = np.concatenate((self.holding, self.solid, self.port_work, self._work_error)).tolist()
-        ledger = limiter.level_j, limiter.paid_j, float(limiter.limited), self.balance_error_j, self.gravity_mps2
+        ledger = limiter.level_j, limiter.paid_j, float(limiter.limited), self.balance_error_j
         zero = self._zero.ravel().tolist()
         script = self._script.save() if self._script is not None else ()
         solver = *self._warm.save(), *self._forces.save()
-        return (*script, *self.turning.save(), *solver, *self._state.tolist(), *seats, *zero, *ledger)
+        gravity = self.scene.model.opt.gravity.tolist()
+        return (*script, *self.turning.save(), *solver, *self._state.tolist(), *seats, *zero, *ledger, *gravity)
 
     def restore(self, saved: Row) -> None:
         seats, physics = len(self.holding), self._state.size
@@ -426,10 +427,10 @@ class SceneWorld(World):
         turned = self.turning.saved_numbers
         warm = turned + self._warm.numbers
         first = warm + self._forces.numbers
-        check_saved(saved, first + physics + 7 * seats + 5)
+        check_saved(saved, first + physics + 7 * seats + 7)
         state = np.array(saved[first:])
         holding, solid, work, work_error = state[physics : physics + 4 * seats].reshape(4, seats)
-        zeros = state[physics + 4 * seats : -5].reshape(seats, PLACES)
+        zeros = state[physics + 4 * seats : -7].reshape(seats, PLACES)
         for user in range(seats):
             self._park(user)
             if holding[user]:
@@ -442,10 +443,9 @@ class SceneWorld(World):
         self.turning.restore(saved[:turned])
         self._warm.restore(saved[turned:warm])
         self._forces.restore(saved[warm:first])
-        self.limiter.level_j, self.limiter.paid_j, limited, self.balance_error_j, gravity_mps2 = saved[-5:]
+        self.limiter.level_j, self.limiter.paid_j, limited, self.balance_error_j = saved[-7:-3]
         self.limiter.limited = int(limited)
-        if gravity_mps2 != self.gravity_mps2:
-            self.scene.model.opt.gravity[:] = gravity_mps2 * self._down
+        self.scene.model.opt.gravity[:] = saved[-3:]
         self.port_work, self._work_error = work, work_error
         self._refresh()
 
