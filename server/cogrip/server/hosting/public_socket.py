@@ -133,7 +133,7 @@ class PublicSocket:
         if wanted:
             if wanted in self.rooms or wanted in self.opened:
                 return wanted
-            there = ", ".join((*self.rooms, *self.opened)) or "none"
+            there = ", ".join(self.rooms) or "none"  # of those on demand nobody hears who has not been given the name
             none = Denied("room", f"there is no room {wanted!r} here; there is: {there}")
             return verdict if isinstance(verdict, Denied) else none
         name = hello.name or (grant.user if grant else "")
