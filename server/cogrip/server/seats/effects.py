@@ -75,8 +75,8 @@ class RoomEffects:
             return
         for mark in markers.since(self._looked):
             for place, section in enumerate(self._sections):
-                begun = self._marked[place], self._set_step.get(section.name)
-                fresh = all(each is None or (mark.step - each) * self._frame_s >= LEAST_EVERY_S for each in begun)
+                begun = [each for each in (self._marked[place], self._set_step.get(section.name)) if each is not None]
+                fresh = not begun or (mark.step - max(begun)) * self._frame_s >= LEAST_EVERY_S
                 if section.marker and section.marker == mark.text and fresh and self._set[place] != ():
                     self._marked[place] = mark.step
         self._looked = step
