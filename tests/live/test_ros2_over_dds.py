@@ -21,6 +21,9 @@ from tests.clients import dds_arm, dds_listener, dds_messages, ros_over_dds
 from tests.extent import long
 from tests.live.held_arms import DEMO
 
+# Two loops, a server and threads of DDS share a small machine: such a session often stalls there, alone as well.
+pytestmark = pytest.mark.long
+
 LOOPBACK = """<CycloneDDS><Domain><General><Interfaces><NetworkInterface name="lo"/></Interfaces>
 <AllowMulticast>false</AllowMulticast></General>
 <Discovery><ParticipantIndex>auto</ParticipantIndex><Peers><Peer address="127.0.0.1"/></Peers></Discovery>
