@@ -23,7 +23,7 @@ from tests.clients.dds_messages import PoseStamped, TwistStamped, WrenchStamped
 
 ROOT = Path(__file__).parents[2]
 PROGRAM = f"import sys; sys.path.insert(0, {str(ROOT)!r}); from tests.clients.dds_listener import run; run()"
-LOOKED_MS = 50  # from one look at the signal to the next
+LOOKED_MS = 50  # time from one look at the signal to the next
 KINDS: dict[str, tuple[Any, str, str]] = {
     "measured_cp": (PoseStamped, "pose", "position"),
     "measured_cv": (TwistStamped, "twist", "linear"),

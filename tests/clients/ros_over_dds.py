@@ -31,7 +31,7 @@ ROOT = Path(__file__).parents[2]
 PROGRAM = f"import sys; sys.path.insert(0, {str(ROOT)!r}); from tests.clients.ros_over_dds import run; run()"
 PACKAGE = ROOT / "clients" / "ros2"
 TOPIC = re.compile(r"[A-Za-z_][A-Za-z0-9_]*(/[A-Za-z_][A-Za-z0-9_]*)*")
-LOOKED_MS = 50  # from one look at the shutdown to the next
+LOOKED_MS = 50  # time from one look at the shutdown to the next
 
 
 class ReliabilityPolicy(Enum):

@@ -104,6 +104,34 @@ def test_a_velocity_counts_for_a_hundredth_of_a_second(ros: Ros) -> None:
         device.read(tick)
 
 
+def test_a_velocity_of_an_opening_before_is_none_of_this_one(ros: Ros) -> None:
+    device = make_device(ros, "--velocity")
+    twist = MESSAGES["TwistStamped"]()
+    twist.twist.linear = SimpleNamespace(x=0.5, y=0.0, z=0.0)
+    device.open(512)
+    device.read(0)
+    ros.publish("MTML/measured_cp", pose(0.01))
+    ros.publish("MTML/measured_cv", twist)
+    assert device.read(5000).velocity_mps == (0.5, 0.0, 0.0)
+    device.close()
+    device.open(512)
+    for tick in range(3):
+        ros.publish("MTML/measured_cp", pose(0.01))
+        assert device.read(tick) is None, "no velocity has come yet"
+
+
+@pytest.mark.parametrize("wrong", [float("nan"), float("inf")])
+def test_what_is_no_number_is_no_sample(ros: Ros, wrong: float) -> None:
+    device = make_device(ros, "--velocity")
+    twist = MESSAGES["TwistStamped"]()
+    twist.twist.linear = SimpleNamespace(x=0.0, y=wrong, z=0.0)
+    device.open(512)
+    ros.publish("MTML/measured_cp", pose(wrong))
+    ros.publish("MTML/measured_cv", twist)
+    assert device.read(0) is None
+    assert device.counts == {"measured_cp that is no number": 1, "measured_cv that is no number": 1}
+
+
 def test_people_are_topics_of_their_own_whatever_they_are_called(ros: Ros) -> None:
     from cogrip_ros2.watch import SessionTopics  # type: ignore[import-not-found]
 

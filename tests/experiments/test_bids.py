@@ -13,7 +13,7 @@ import numpy as np
 import pytest
 
 from cogrip.cli.main import main
-from cogrip.experiments.study.bids import EVENT_COLUMNS, pseudonyms
+from cogrip.experiments.study.bids import EVENT_COLUMNS, pseudonyms, without_names
 from cogrip.experiments.study.journal import AnswerLine, StudyFolder, read_trials
 from cogrip.results.reading.records import open_run
 
@@ -148,6 +148,17 @@ def test_nobody_is_named_and_nothing_typed_is_told(made: Path) -> None:
 def test_labels_are_those_of_the_study_s_file_whoever_took_part() -> None:
     assert pseudonyms(parsed(STUDY)) == {name: f"{number:02}" for number, name in enumerate(PEOPLE, 1)}
     assert pseudonyms(parsed(STUDY, participants=[[f"P{n}", f"Q{n}"] for n in range(60)]))["P7"] == "015"
+
+
+@pytest.mark.parametrize(
+    ("text", "told"),
+    [
+        ("Anna B. let go", "sub-01 let go"), ("anna  b., P-: go", "sub-01, sub-02: go"), ("go_p-", "go_sub-02"),
+        ("annab. and Hannah", "annab. and Hannah"), ("Eva", "sub-03"), ("Evangeline", "Evangeline"),
+    ],
+)  # fmt: skip
+def test_names_are_found_as_people_write_them(text: str, told: str) -> None:
+    assert without_names(text, {"Anna  B.": "01", "P-": "02", "Eva": "03"}) == told
 
 
 def test_nothing_is_overwritten_and_another_folder_is_refused(

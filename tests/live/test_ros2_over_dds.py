@@ -136,7 +136,7 @@ FAULTS = {
     "dies": "more than 20 ms without samples",
 }  # fmt: skip
 """Reason of the end, by the arm's fault."""
-MOST_TICKS = 30  # of 20 ms without a sample and 15 ms of fading out, at 512 Hz: with one for each end
+MOST_TICKS = 30  # A force ends within so many ticks of 512 Hz: 20 ms without a sample, 15 ms of fading out, rounded up.
 
 
 @pytest.mark.parametrize("fault", [long("silent"), long("stuck"), "nan", long("dies")])

@@ -31,6 +31,7 @@ from cogrip.server.hosting.link import (
     ProcessLink,
     Ready,
     Released,
+    RoomOnDemand,
     Say,
     Stray,
     ToFront,
@@ -126,6 +127,21 @@ class Fronted:
 def fronted() -> Iterator[Fronted]:
     with closing(Fronted()) as made:
         yield made
+
+
+def test_a_room_on_demand_that_a_new_worker_does_not_have_is_closed(fronted: Fronted) -> None:
+    """Its worker was killed before there was a checkpoint: else its name would be taken for ever, and its links good."""
+    front, pool, revoked = fronted.front, fronted.pool, list[str]()
+    front._templates, front.revoke_room = {"lesson": SETTINGS}, revoked.append
+    killed = pool.workers[0]
+    for called in ("one", "two"):
+        front._follow(killed, RoomOnDemand(called, "lesson", True))
+    pool.workers[0] = after = Worker(9, SimpleNamespace(pid=9), killed.link, killed.rooms, killed.group)  # type: ignore[arg-type]
+    front._follow(after, RoomOnDemand("two", "lesson", True))
+    front._follow(after, Ready())
+    assert (list(front.opened), list(pool.opened), revoked) == (["two"], ["two"], ["one"])
+    assert pool.home("two") is after
+    assert pool.home("one") is None
 
 
 def test_a_room_is_served_while_another_worker_still_starts_and_the_spare_comes_last(fronted: Fronted) -> None:

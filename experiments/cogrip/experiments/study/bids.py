@@ -107,12 +107,6 @@ class _Writer:
         self._path, self._table, self._study, self._out = path, table, table.study, out
         self._labels = pseudonyms(table.study)
         self._task = re.sub(r"[^A-Za-z0-9]", "", table.study.name) or "task"
-        longest = sorted(self._labels, key=len, reverse=True)
-        self._plain_labels = {_plain_name(name).casefold(): label for name, label in self._labels.items()}
-        self._names = re.compile(
-            "|".join(rf"(?<![A-Za-z0-9]){re.escape(_plain_name(name))}(?![A-Za-z0-9])" for name in longest),
-            re.IGNORECASE,
-        )
         self._runs = dict.fromkeys(self._labels, 0)  # sessions so far
         self._notes: list[str] = []
 
@@ -218,7 +212,7 @@ class _Writer:
 
     def _told(self, text: str) -> str:
         """Return a text with labels in the place of names."""
-        return self._names.sub(lambda match: f"sub-{self._plain_labels[match[0].casefold()]}", _plain_name(text))
+        return without_names(text, self._labels)
 
     def _tsv(self, name: str, head: Sequence[str], rows: Iterable[Sequence[Any]]) -> None:
         self._text(name, "".join("\t".join(map(_cell, row)) + "\n" for row in (head, *rows)))
@@ -263,6 +257,14 @@ def _channels(columns: Mapping[str, Array]) -> Iterator[Channel]:
     if turned is not None and turned.ndim > 1 and np.isfinite(turned).any():
         for place, component in enumerate(_QUATERNION):
             yield Channel(f"hand_{component}", component, "ORNT", "hand", NONE, turned[:, place])
+
+
+def without_names(text: str, labels: Mapping[str, str]) -> str:
+    """Return a text with labels in the place of names, whatever their case; a name within a word is no name."""
+    plain = {_plain_name(name).casefold(): label for name, label in labels.items()}
+    names = "|".join(re.escape(name) for name in sorted(plain, key=len, reverse=True))
+    whole = re.compile(rf"(?<![A-Za-z0-9])(?:{names})(?![A-Za-z0-9])", re.IGNORECASE)
+    return whole.sub(lambda match: f"sub-{plain[match[0].casefold()]}", _plain_name(text))
 
 
 def _plain_name(text: str) -> str:

@@ -165,7 +165,7 @@ def _switch_of(key: str, text: str) -> str:
     return ",".join(names)
 
 
-EFFECTS = "effects."  # what a key begins with that switches an effect
+EFFECTS = "effects."  # start of a key that switches an effect
 _NUMBERS: Mapping[str, str] = {
     "object.mass_kg": "object_mass_kg",
     "object.damping_nspm": "object_damping_nspm",
